@@ -1,0 +1,71 @@
+"""Numerical inversion of the composed flow map: which command gives a wanted rate of the pressure force.
+
+The map from command to ``A1 dp1/dt - A2 dp2/dt`` rises with the command whatever effects were identified (supply to
+chamber 1 grows, supply to chamber 2 falls), so bisection finds the command; a dead zone, a droop or a leak needs no
+word of its own. Where an effect puts a state between command and flow (a spool that lags), the flow is taken as it
+will be after a short ``lead``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from controllers.control_model import EFFECTS, ControlModel
+from pneuid.compiled import compile_functions
+
+HALVINGS = 18
+"""Bisections: the range of the command (20 V) down to 0.08 mV, below any converter's step."""
+
+
+def led_force_rate(model: ControlModel, s: Any, u: Any, psup: Any, lead: Any, theta: Any) -> Any:
+    """Rate of the pressure force in N/s under ``u`` [V], effect states carried ``lead`` seconds ahead."""
+    if model.states > EFFECTS:
+        stages = model.plant.evaluate(s, [u, psup], theta)
+        later = [s[:EFFECTS]]
+        for i, (source, decay) in enumerate(stages.relaxing[1:]):
+            later.append(s[EFFECTS + i] + (source / decay - s[EFFECTS + i]) * (1.0 - ca.exp(-decay * lead)))
+        s = ca.vertcat(*later)
+    return model.instant(s, u, psup, theta).force_rate
+
+
+def command_for(model: ControlModel, wanted: Any, s: Any, psup: Any, lead: Any, theta: Any) -> Any:
+    """Command in V for a ``wanted`` rate of the pressure force [N/s] at plant state ``s``; a limit if out of reach."""
+    null, full = model.named(theta, "null"), model.named(theta, "full_scale")
+    low, high = null - full, null + full
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        short = led_force_rate(model, s, middle, psup, lead, theta) < wanted
+        low, high = ca.if_else(short, middle, low), ca.if_else(short, high, middle)
+    return 0.5 * (low + high)
+
+
+class InverseValve:
+    """The inversion and the map it inverts as compiled functions of numbers.
+
+    ``forward(s, u, psup)`` and ``__call__(wanted, s, psup)``: plant state ``s`` (``model.states``,), command [V],
+    supply [Pa, absolute], rate [N/s].
+    """
+
+    def __init__(self, model: ControlModel, lead: float) -> None:
+        self._model, self._lead = model, lead
+        s, theta = ca.SX.sym("s", model.states), model.theta_symbol()
+        first, psup, ahead = ca.SX.sym("first"), ca.SX.sym("psup"), ca.SX.sym("lead")
+        given = [first, s, psup, ahead, theta]
+        rate = led_force_rate(model, s, first, psup, ahead, theta)
+        command = command_for(model, first, s, psup, ahead, theta)
+        functions = [
+            ca.Function("controllers_force_rate", given, [rate]),
+            ca.Function("controllers_inverse_valve", given, [command]),
+        ]
+        (self._forward, self._inverse), self.compiled = compile_functions(functions, "controllers_valve")
+
+    def forward(self, s: np.ndarray, u: float, psup: float) -> float:
+        """Rate of the pressure force in N/s."""
+        return float(self._forward(u, s, psup, self._lead, self._model.theta))
+
+    def __call__(self, wanted: float, s: np.ndarray, psup: float) -> float:
+        """Command in V."""
+        return float(self._inverse(wanted, s, psup, self._lead, self._model.theta))

@@ -1,0 +1,90 @@
+"""Generates C from CasADi functions, compiles it once and caches it by content.
+
+Without a compiler the same functions run interpreted, and the caller is told.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+
+import casadi as ca
+
+_FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared")
+_TIMEOUT_SECONDS = 300
+
+
+@lru_cache(maxsize=1)
+def compiler() -> tuple[str, str] | None:
+    """Path and version of the C compiler (``CC``, then cc, gcc, clang), or None."""
+    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
+        path = shutil.which(name) if name else None
+        if path is None:
+            continue
+        found = subprocess.run([path, "--version"], capture_output=True, text=True, check=False)
+        if found.returncode == 0:
+            return path, found.stdout.splitlines()[0]
+    return None
+
+
+@lru_cache(maxsize=1)
+def _processor() -> str:
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        for line in info.read_text().splitlines():
+            if line.startswith(("flags", "Features")):
+                return platform.machine() + line
+    return platform.machine() + platform.processor()
+
+
+def cache_folder() -> Path:
+    """Folder of compiled functions, private to the user (``PNEUID_CACHE`` overrides it)."""
+    root = os.environ.get("PNEUID_CACHE") or os.path.join(
+        os.environ.get("XDG_CACHE_HOME", os.path.expanduser("~/.cache")), "pneuid"
+    )
+    folder = Path(root)
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    return folder
+
+
+def compile_functions(functions: Sequence[ca.Function], prefix: str) -> tuple[list[ca.Function], bool]:
+    """Compiled counterparts of ``functions`` and True, or the functions themselves and False without a compiler.
+
+    ``prefix`` starts every generated symbol, so that none collides with one of the C library's.
+    """
+    tool = compiler()
+    if tool is None:
+        return list(functions), False
+    generator = ca.CodeGenerator(f"{prefix}.c", {"with_header": False, "verbose": False})
+    for function in functions:
+        generator.add(function)
+    source = generator.dump()
+    content = "\n".join([source, " ".join(_FLAGS), *tool, _processor(), ca.__version__])
+    key = hashlib.sha256(content.encode()).hexdigest()[:32]
+    library = cache_folder() / f"{prefix}_{key}.so"
+    if not library.exists() and not _build(tool[0], source, library):
+        return list(functions), False
+    return [ca.external(function.name(), str(library)) for function in functions], True
+
+
+def _build(tool: str, source: str, library: Path) -> bool:
+    """Compile to a temporary file and move it in place, so that parallel runs never load half a library."""
+    with tempfile.TemporaryDirectory(dir=library.parent) as folder:
+        written, built = Path(folder) / "source.c", Path(folder) / "library.so"
+        written.write_text(source)
+        command = [tool, *_FLAGS, str(written), "-o", str(built), "-lm"]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_TIMEOUT_SECONDS)
+        except subprocess.TimeoutExpired:
+            return False
+        if done.returncode != 0:
+            return False
+        built.replace(library)
+    return True

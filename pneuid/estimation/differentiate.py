@@ -1,0 +1,46 @@
+"""Velocity and acceleration from a measured position: one smoothing spline for all users."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_smoothing_spline
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Smoothed position, velocity and acceleration (N,), SI, and the spline's bandwidth in Hz."""
+
+    x: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    bandwidth: float
+
+
+def _residual(t: np.ndarray, x: np.ndarray, lam: float) -> float:
+    return float(np.sqrt(np.mean((make_smoothing_spline(t, x, lam=lam)(t) - x) ** 2)))
+
+
+def spline_motion(t: np.ndarray, x: np.ndarray, noise: float) -> Motion:
+    """Smooth ``x`` (m) over ``t`` (s, any spacing) so that the residual equals ``noise`` (m, 1-sigma).
+
+    The spline of least curvature at that distance: Reinsch, Numer. Math. 10 (1967) 177. For a sampling interval
+    ``dt`` the spline acts as a low-pass of cut-off ``1/(2 pi (lam/dt)^(1/4))``, which is reported.
+    """
+    step = float(np.median(np.diff(t)))
+    # work in units of samples: the spline's system is badly scaled in seconds at kHz rates
+    s = (t - t[0]) / step
+    # sought on a stretch of the record where that is long: the same noise needs the same smoothing
+    piece = slice(0, min(s.size, 6000))
+    low, high = -2.0, 14.0
+    for _ in range(24):
+        middle = 0.5 * (low + high)
+        if _residual(s[piece], x[piece], 10**middle) < noise:
+            low = middle
+        else:
+            high = middle
+    lam = 10 ** (0.5 * (low + high))
+    spline = make_smoothing_spline(s, x, lam=lam)
+    first, second = spline.derivative(1), spline.derivative(2)
+    return Motion(spline(s), first(s) / step, second(s) / step**2, float(1 / (2 * np.pi * step * lam**0.25)))

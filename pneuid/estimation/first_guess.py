@@ -1,0 +1,142 @@
+"""A first guess without iterations: chambers from measured position, then mechanics from measured pressures.
+
+A start for the fit, never an estimate: pre-sliding parameters stay at their typical values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pneuid.estimation.differentiate import Motion, spline_motion
+from pneuid.estimation.preparation import Run
+from pneuid.physics import motion as mechanics
+from pneuid.physics.gas import R_AIR, RHO_REFERENCE, T_REFERENCE
+from pneuid.physics.smoothing import FINE
+from pneuid.plant import Plant
+
+WINDOW = 0.01
+"""Length over which the chamber balances are integrated, s."""
+
+TYPICAL_VS = 0.01
+TYPICAL_DEFLECTION = 4.0e-5
+"""Deflection in m at which a seal breaks away; gives the stiffness a start."""
+
+
+def motions(runs: Sequence[Run], noise: dict[str, float]) -> list[Motion]:
+    """Smoothed motion of every run, the same spline that the bench inputs use."""
+    return [spline_motion(run.t, run.recording.signals["x"], noise["x"]) for run in runs]
+
+
+def _flow_per_conductance(p_from: np.ndarray, p_to: np.ndarray, b: float, T: float) -> np.ndarray:
+    up, down = np.maximum(p_from, p_to), np.minimum(p_from, p_to)
+    ratio = np.clip(down / up, b, 1.0 - FINE.laminar)
+    psi = np.sqrt(1.0 - ((ratio - b) / (1.0 - b)) ** 2)
+    return np.asarray(np.sign(p_from - p_to) * RHO_REFERENCE * np.sqrt(T_REFERENCE / T) * up * psi)
+
+
+def _chambers(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion]) -> dict[str, float]:
+    """``n`` and ``C`` by linear least squares on pressure changes over short windows (unknowns ``n C`` and ``n``)."""
+    rig = plant.rig
+    design, change = [], []
+    for run, motion in zip(runs, moved, strict=True):
+        s = np.clip((run.input("u") - rig.null) / rig.full_scale, -1.0, 1.0)
+        fill, empty, supply = np.maximum(s, 0.0), np.maximum(-s, 0.0), run.input("psup")
+        dt = np.diff(run.t)
+        stride = max(2, int(round(WINDOW / np.median(dt))))
+        for signal, opening, drain, area, volume in (
+            ("p1", fill, empty, rig.A1, rig.V01 + rig.A1 * motion.x),
+            ("p2", empty, fill, -rig.A2, rig.V02 + rig.A2 * (rig.stroke - motion.x)),
+        ):
+            p = run.measured(signal)
+            inflow = opening * _flow_per_conductance(supply, p, rig.critical_ratio, rig.temperature)
+            outflow = drain * _flow_per_conductance(p, np.full_like(p, rig.patm), rig.critical_ratio, rig.temperature)
+            rates = np.vstack([R_AIR * rig.temperature * (inflow - outflow), -p * area * motion.v]) / volume
+            cumulative = np.hstack([np.zeros((2, 1)), np.cumsum(0.5 * (rates[:, 1:] + rates[:, :-1]) * dt, axis=1)])
+            ends = np.arange(0, run.n, stride)
+            used = (run.weight(signal)[ends[1:]] > 0) & (run.weight(signal)[ends[:-1]] > 0)
+            design.append(np.diff(cumulative[:, ends], axis=1).T[used])
+            change.append(np.diff(p[ends])[used])
+    A, y = np.vstack(design), np.concatenate(change)
+    (nC, n), *_ = np.linalg.lstsq(A, y, rcond=None)
+    if not 1.0 <= n <= 1.4:
+        n = float(np.clip(n, 1.0, 1.4))
+        nC = float(A[:, 0] @ (y - n * A[:, 1]) / (A[:, 0] @ A[:, 0]))
+    return {"n": float(np.clip(n, 1.02, 1.38)), "C": float(nC / n)}
+
+
+def resisting_force(plant: Plant, run: Run, motion: Motion) -> np.ndarray:
+    """Force (N,) in N that the balance leaves to friction and to what the model lacks."""
+    rig = plant.rig
+    mass = rig.mass if run.mass is None else run.mass
+    signals = run.recording.signals
+    still = np.full(run.n, rig.patm)
+    p1, p2 = signals.get("p1", still), signals.get("p2", still)
+    driving = signals["F"] if not plant.servo else 0.0
+    pressure = mechanics.pressure_force(p1, p2, rig.A1, rig.A2, rig.patm)
+    return np.asarray(driving + pressure - mass * (motion.a + mechanics.GRAVITY * np.sin(rig.incline)))
+
+
+def _mechanics(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion]) -> dict[str, float]:
+    """``Fc`` and ``sigma2`` from sliding samples, ``Fs`` from the largest forces near rest."""
+    force = np.concatenate([resisting_force(plant, run, motion) for run, motion in zip(runs, moved, strict=True)])
+    v = np.concatenate([motion.v for motion in moved])
+    top = np.percentile(np.abs(v), 99)
+    sliding = np.abs(v) > max(0.05 * top, 1e-5)
+    A = np.column_stack([np.sign(v[sliding]), v[sliding], np.ones(sliding.sum())])
+    (Fc, sigma2, _), *_ = np.linalg.lstsq(A, force[sliding], rcond=None)
+    typical = float(np.median(np.abs(force[sliding]))) + 1e-9
+    Fc = max(float(Fc), 0.1 * typical)
+    sigma2 = max(float(sigma2), 0.02 * typical / max(top, 1e-6))
+    slow = np.abs(v) < 0.02 * top
+    Fs = float(np.percentile(np.abs(force[slow]), 90)) if slow.sum() > 20 else 1.3 * Fc
+    Fs = float(np.clip(Fs, 1.1 * Fc, 3.0 * Fc))
+    sigma0 = Fs / TYPICAL_DEFLECTION
+    guess = {
+        "Fc": Fc, "Fs": Fs, "vs": TYPICAL_VS, "sigma0": sigma0,
+        "sigma1": 0.4 * float(np.sqrt(sigma0 * plant.rig.mass)), "sigma2": sigma2,
+    }  # fmt: skip
+    return {name: guess[name] for name in plant.law.fitted}
+
+
+def first_guess(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion]) -> dict[str, float]:
+    """Start values (SI) of all parameters of ``plant``: the base from the data, the effects from their declarations."""
+    found = plant.starts() | _mechanics(plant, runs, moved)
+    if plant.servo:
+        found |= _chambers(plant, runs, moved)
+    for parameter in plant.parameters:
+        inside = np.clip(found[parameter.name], parameter.lower, parameter.upper)
+        found[parameter.name] = float(inside)
+    return found
+
+
+def first_nodes(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion], values: dict, every: int) -> np.ndarray:
+    """Node states ``(ns, nint)`` from the measurements: smoothed motion, pressures, bristle from the force balance."""
+    columns = []
+    for run, motion in zip(runs, moved, strict=True):
+        at = np.arange(0, run.n, every)
+        force = resisting_force(plant, run, motion) - values["sigma2"] * motion.v
+        level = values.get("Fs", values["Fc"])
+        stiffness = values.get("sigma0", level / TYPICAL_DEFLECTION)
+        theta = dict(zip(plant.theta_names, plant.theta(values, _no_ranges()), strict=True))
+        if plant.law.static:
+            stiffness = theta["carrier_stiffness"]
+        z = np.clip(force, -level, level)[at] / stiffness
+        states = {"x": motion.x[at], "v": motion.v[at], "z": z}
+        if plant.servo:
+            for signal in ("p1", "p2"):
+                states[signal] = _averaged(run.measured(signal))[at]
+        states |= {state.name: np.full(at.size, state.initial) for state in plant.effect_states}
+        columns.append(np.vstack([states[name] for name in plant.states]))
+    return np.hstack(columns)
+
+
+def _no_ranges() -> dict[str, float]:
+    return {"p1_low": 0.0, "p1_high": 1.0, "p2_low": 0.0, "p2_high": 1.0, "x_low": 0.0, "x_high": 1.0}
+
+
+def _averaged(y: np.ndarray) -> np.ndarray:
+    """Five-point moving average, ends kept."""
+    padded = np.pad(y, 2, mode="edge")
+    return np.convolve(padded, np.full(5, 0.2), mode="valid")

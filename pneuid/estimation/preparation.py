@@ -1,0 +1,128 @@
+"""From a recording to the columns of numbers that the interval function runs on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pneuid.estimation.differentiate import spline_motion
+from pneuid.estimation.noise import sensor_noise
+from pneuid.plant import Plant
+from pneuid.recording import Recording
+from pneuid.rig import Rig
+
+END_MARGIN = 1.0e-3
+"""Samples within this distance of an end of the stroke are masked, m."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One recording made ready.
+
+    data : ``(rows, N)`` with rows dt, inputs, input slopes, measured outputs, weights (1/sigma, 0 where masked);
+    mass : the run's own moving mass (kg) or None; notes : what was masked and how inputs were made.
+    """
+
+    name: str
+    t: np.ndarray
+    data: np.ndarray
+    mass: float | None
+    notes: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    recording: Recording
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return int(self.data.shape[1])
+
+    def measured(self, signal: str) -> np.ndarray:
+        """Measured output (N,), SI."""
+        return np.asarray(self.data[1 + 2 * len(self.inputs) + self.outputs.index(signal)])
+
+    def weight(self, signal: str) -> np.ndarray:
+        """Weight (N,) of a measured output, 1/sigma or 0."""
+        first = 1 + 2 * len(self.inputs) + len(self.outputs)
+        return np.asarray(self.data[first + self.outputs.index(signal)])
+
+    def input(self, signal: str) -> np.ndarray:
+        """Input (N,) at the samples, SI."""
+        return np.asarray(self.data[1 + self.inputs.index(signal)])
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Weights ``(ny, N)``."""
+        return np.asarray(self.data[-len(self.outputs) :])
+
+
+def noise_of(rig: Rig, recordings: Sequence[Recording]) -> dict[str, float]:
+    """1-sigma of every measured output and, on a bench, of the measured position (SI)."""
+    names = ("x", "p1", "p2") if rig.kind == "servo" else ("F", "x")
+    noise = sensor_noise(rig.noise, {name: [run.signals[name] for run in recordings] for name in names})
+    # a noise-free record would have infinite weights; a tenth of a ppm of the range is below any sensor
+    for name, value in noise.items():
+        span = max(float(np.ptp(run.signals[name])) for run in recordings)
+        noise[name] = max(value, 1e-7 * span)
+    return noise
+
+
+def prepare(recording: Recording, plant: Plant, noise: dict[str, float]) -> Run:
+    """The run's columns for ``plant`` (SI, absolute pressures); ``noise`` as from ``noise_of``."""
+    t, signals = recording.t, recording.signals
+    dt = np.diff(t, append=2 * t[-1] - t[-2])
+    notes: list[str] = []
+    given = _servo_inputs(recording, plant) if plant.servo else _bench_inputs(recording, plant, noise, notes)
+    w = np.vstack([given[name] for name in plant.inputs])
+    slopes = np.diff(w, axis=1, append=w[:, -1:]) / dt
+    if plant.rig.input_hold == "zero-order" and plant.servo:
+        slopes[plant.inputs.index("u")] = 0.0
+    y = np.vstack([signals[name] for name in plant.outputs])
+    weights = np.vstack([recording.weights[name] / noise[name] for name in plant.outputs])
+    if plant.servo:
+        x = signals["x"]
+        near = (x < END_MARGIN) | (x > plant.rig.stroke - END_MARGIN)
+        if near.any():
+            weights[:, near] = 0.0
+            notes.append(f"{recording.name}: {int(near.sum())} samples within 1 mm of an end stop are masked")
+    data = np.vstack([dt, w, slopes, y, weights])
+    mass = plant.rig.run(recording.name).mass
+    return Run(recording.name, t, data, mass, tuple(notes), plant.inputs, plant.outputs, recording)
+
+
+def _servo_inputs(recording: Recording, plant: Plant) -> dict[str, np.ndarray]:
+    signals = recording.signals
+    psup = signals.get("psup")
+    if psup is None:
+        own = plant.rig.run(recording.name).supply
+        psup = np.full(recording.n, plant.rig.supply if own is None else own)
+    return {"u": signals["u"], "psup": psup}
+
+
+def _bench_inputs(
+    recording: Recording, plant: Plant, noise: dict[str, float], notes: list[str]
+) -> dict[str, np.ndarray]:
+    signals = recording.signals
+    motion = spline_motion(recording.t, signals["x"], noise["x"])
+    notes.append(
+        f"{recording.name}: speed and acceleration from a smoothing spline of x, "
+        f"bandwidth {motion.bandwidth:.3g} Hz at {noise['x'] * 1e6:.3g} um noise"
+    )
+    still = np.full(recording.n, plant.rig.patm)
+    v = signals.get("v", motion.v)
+    return {"x": motion.x, "v": v, "a": motion.a, "p1": signals.get("p1", still), "p2": signals.get("p2", still)}
+
+
+def data_ranges(runs: Sequence[Recording], plant: Plant) -> dict[str, float]:
+    """Ranges of position (m) and chamber pressures (Pa, absolute) over the runs, for laws that are clamped to them."""
+    found: dict[str, float] = {}
+    for name, least in (("p1", 1e3), ("p2", 1e3), ("x", 1e-3)):
+        every = [run.signals[name] for run in runs if name in run.signals]
+        low = min((float(y.min()) for y in every), default=plant.rig.patm)
+        high = max((float(y.max()) for y in every), default=plant.rig.patm)
+        if high - low < least:  # a constant signal still needs a range to divide by
+            low, high = low - least, high + least
+        found |= {f"{name}_low": low, f"{name}_high": high}
+    return found

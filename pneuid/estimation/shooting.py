@@ -1,0 +1,240 @@
+"""Multiple shooting: variables, intervals, and the Gauss-Newton model of the cost and the continuity defects.
+
+Variables ``X = [q, nodes]``: ``q`` the scaled free parameters (logarithm where positive, else value/scale), then the node
+states of every interval of every run, each divided by its scale. The cost is half the sum of squared weighted residuals
+plus the weak priors; the defect of an interval is its end state minus the next node, in units of ``defect_scale``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from pneuid.effect import Parameter
+from pneuid.interval import IntervalFunction, interval_function
+from pneuid.estimation.preparation import Run
+from pneuid.physics.smoothing import FINE, Smoothing
+from pneuid.plant import Plant
+from pneuid.step import stable_upper_bounds
+
+NODE_EVERY = 20
+"""Samples per interval."""
+
+BRISTLE_SPREAD = 1.0e-4
+"""1-sigma of the bristle deflection at the start of a run, m: wide, only there where data say nothing."""
+
+THREADS = 2
+
+
+class Scaling:
+    """Between physical parameters (SI) and the search variables ``q``."""
+
+    def __init__(self, parameters: Sequence[Parameter]) -> None:
+        self.names = tuple(parameter.name for parameter in parameters)
+        self.positive = np.array([parameter.positive for parameter in parameters], dtype=bool)
+        self.scale = np.array([1.0 if parameter.positive else parameter.scale for parameter in parameters])
+        self.lower = self.to_q(np.array([parameter.lower for parameter in parameters]))
+        self.upper = self.to_q(np.array([parameter.upper for parameter in parameters]))
+
+    def to_q(self, values: np.ndarray) -> np.ndarray:
+        """Search variables from physical values."""
+        return np.where(self.positive, np.log(np.where(self.positive, values, 1.0)), values / self.scale)
+
+    def to_values(self, q: np.ndarray) -> np.ndarray:
+        """Physical values from search variables."""
+        return np.where(self.positive, np.exp(np.where(self.positive, q, 0.0)), q * self.scale)
+
+    def slope(self, q: np.ndarray) -> np.ndarray:
+        """``d value / d q``."""
+        return np.where(self.positive, self.to_values(q), self.scale)
+
+
+@dataclass
+class Evaluation:
+    """Values and derivative blocks at one point, scaled.
+
+    end : ``(ns, nint)``; cost : data cost; sensitivity : ``(nint, ns, width)`` of the scaled end state; gram :
+    ``(nint, width+1, width+1)``.
+    """
+
+    end: np.ndarray
+    sensitivity: np.ndarray
+    gram: np.ndarray
+
+
+class Shooting:
+    """The multiple-shooting problem of one plant, some runs and some free parameters.
+
+    Parameters: ``free`` names the searched parameters, all others stay at ``values``; ``ranges`` as from
+    ``data_ranges``; ``substeps`` per sample. Shapes: ``ns`` states, ``nint`` intervals over all runs, ``nq`` free.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        runs: Sequence[Run],
+        free: Sequence[str],
+        values: Mapping[str, float],
+        ranges: Mapping[str, float],
+        substeps: int,
+        node_every: int = NODE_EVERY,
+    ) -> None:
+        self.plant, self.runs, self.free = plant, tuple(runs), tuple(free)
+        self.values, self.ranges, self.substeps = dict(values), dict(ranges), substeps
+        by_name = {parameter.name: parameter for parameter in plant.parameters}
+        self.declared = tuple(by_name[name] for name in self.free)
+        interval = float(np.median(np.concatenate([run.data[0] for run in runs])))
+        start = plant.theta(self.values, self.ranges)
+        self.bounds = stable_upper_bounds(plant, start, interval, substeps)
+        self.declared = tuple(
+            replace(item, upper=min(item.upper, self.bounds.get(item.name, np.inf))) for item in self.declared
+        )
+        self.scaling = Scaling(self.declared)
+        self.samples = node_every
+        self.function: IntervalFunction = interval_function(plant, self.free, node_every, substeps)
+        self.ns, self.nq = len(plant.states), len(self.free)
+        self.state_scale = plant.state_scales
+        counts = [-(-run.n // node_every) for run in self.runs]
+        self.first = np.concatenate([[0], np.cumsum(counts)]).astype(int)
+        self.nint = int(self.first[-1])
+        self.size = self.nq + self.ns * self.nint
+        self.data = np.hstack([self._padded(run, count) for run, count in zip(self.runs, counts, strict=True)])
+        self.total_samples = sum(run.n for run in self.runs)
+        self.weighted = int(sum(np.count_nonzero(run.weights) for run in self.runs))
+        last = self.first[1:] - 1
+        self.linked = np.setdiff1d(np.arange(self.nint), last)
+        """Intervals whose end must meet the next node."""
+        self._index = [plant.theta_names.index(name) for name in self.free]
+        self.smoothing = FINE
+        self._map_values = self.function.values.map(self.nint, "thread", THREADS)
+        self._map_derivatives = self.function.derivatives.map(self.nint, "thread", THREADS)
+
+    def _padded(self, run: Run, count: int) -> np.ndarray:
+        missing = count * self.samples - run.n
+        if missing == 0:
+            return run.data
+        tail = np.repeat(run.data[:, -1:], missing, axis=1)
+        ny, nw = len(self.plant.outputs), len(self.plant.inputs)
+        tail[-ny:] = 0.0
+        tail[1 + nw : 1 + 2 * nw] = 0.0
+        return np.hstack([run.data, tail])
+
+    # --- variables ---
+
+    def theta(self, q: np.ndarray) -> np.ndarray:
+        """``(len(theta), nint)``: the theta column of every interval."""
+        return self.theta_of(dict(zip(self.free, self.scaling.to_values(q), strict=True)))
+
+    def theta_of(self, changed: Mapping[str, float]) -> np.ndarray:
+        """The same from physical values of some parameters."""
+        values = self.values | dict(changed)
+        columns = [self.plant.theta(values, self.ranges, run.mass, self.smoothing) for run in self.runs]
+        return np.repeat(np.array(columns).T, np.diff(self.first), axis=1)
+
+    def split(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``q`` and the physical node states ``(ns, nint)``."""
+        nodes = X[self.nq :].reshape(self.nint, self.ns).T * self.state_scale[:, None]
+        return X[: self.nq], nodes
+
+    def join(self, q: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        """The variable vector from ``q`` and physical nodes."""
+        return np.concatenate([q, (nodes / self.state_scale[:, None]).T.ravel()])
+
+    # --- evaluation ---
+
+    def evaluate_values(self, X: np.ndarray) -> tuple[np.ndarray, float]:
+        """Physical end states ``(ns, nint)`` and the data cost ``sum r^2 / 2``."""
+        q, nodes = self.split(X)
+        end, cost = self._map_values(nodes, self.data, self.theta(q))
+        return np.asarray(end), 0.5 * float(ca.sum2(cost))
+
+    def evaluate(self, X: np.ndarray) -> Evaluation:
+        """End states, scaled sensitivities and scaled Gram blocks."""
+        q, nodes = self.split(X)
+        end, sensitivity, packed = self._map_derivatives(nodes, self.data, self.theta(q))
+        width = self.nq + self.ns
+        scale = np.concatenate([self.scaling.slope(q), self.state_scale])
+        S = np.asarray(sensitivity).reshape(self.ns, self.nint, width).transpose(1, 0, 2)
+        S = S * (scale / self.state_scale[:, None])
+        rows, cols = self._triangle
+        full = np.empty((self.nint, width + 1, width + 1))
+        both = np.append(scale, 1.0)
+        blocks = np.asarray(packed).T * (both[rows] * both[cols])
+        full[:, rows, cols] = blocks
+        full[:, cols, rows] = blocks
+        return Evaluation(np.asarray(end), S, full)
+
+    @cached_property
+    def _triangle(self) -> tuple[np.ndarray, np.ndarray]:
+        width = self.nq + self.ns + 1
+        cols, rows = np.tril_indices(width)
+        return rows, cols
+
+    def defects(self, end: np.ndarray, X: np.ndarray) -> np.ndarray:
+        """``(nlinked, ns)`` end minus next node, in units of the state scale."""
+        _, nodes = self.split(X)
+        return ((end[:, self.linked] - nodes[:, self.linked + 1]) / self.state_scale[:, None]).T
+
+    # --- weak priors: (index into X, centre, 1/sigma) ---
+
+    @cached_property
+    def priors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Variables with a prior, its centre and inverse spread, all scaled."""
+        index, centre, inverse = [], [], []
+        start = self.scaling.to_q(np.array([parameter.start for parameter in self.declared]))
+        for j, parameter in enumerate(self.declared):
+            if parameter.prior is not None:
+                spread = parameter.prior if parameter.positive else parameter.prior / parameter.scale
+                index.append(j)
+                centre.append(start[j])
+                inverse.append(1.0 / spread)
+        own = [(self.plant.explicit_count, 0.0, BRISTLE_SPREAD)]
+        own += [
+            (self.plant.explicit_count + 1 + k, state.initial, state.spread)
+            for k, state in enumerate(self.plant.effect_states)
+        ]
+        for first in self.first[:-1]:
+            for position, initial, spread in own:
+                scale = self.state_scale[position]
+                index.append(self.nq + self.ns * int(first) + position)
+                centre.append(initial / scale)
+                inverse.append(scale / spread)
+        return np.array(index, dtype=int), np.array(centre), np.array(inverse)
+
+    def prior_residual(self, X: np.ndarray) -> np.ndarray:
+        """Residuals of the priors."""
+        index, centre, inverse = self.priors
+        return (X[index] - centre) * inverse
+
+    # --- inequalities among the parameters ---
+
+    @cached_property
+    def _constraint_function(self) -> ca.Function:
+        theta = ca.SX.sym("theta", len(self.plant.theta_names))
+        found = [item.value for item in self.plant.constraints(theta)]
+        value = ca.vertcat(*found) if found else ca.SX(0, 1)
+        jacobian = ca.jacobian(value, theta[self._index]) if self._index else ca.SX(value.numel(), 0)
+        return ca.Function("constraints", [theta], [ca.densify(value), ca.densify(jacobian)])
+
+    def constraints(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values ``(nc,)`` (>= 0 wanted, divided by their typical size) and Jacobian ``(nc, nq)`` in ``q``."""
+        theta = self.theta(q)[:, 0]
+        value, jacobian = (np.asarray(item) for item in self._constraint_function(theta))
+        slope = jacobian * self.scaling.slope(q)
+        size = self._constraint_size
+        return value.ravel() / size, slope.reshape(value.size, self.nq) / size[:, None]
+
+    @cached_property
+    def _constraint_size(self) -> np.ndarray:
+        start = np.array([parameter.start for parameter in self.declared])
+        _, jacobian = self._constraint_function(self.theta(self.scaling.to_q(start))[:, 0])
+        slope = np.asarray(jacobian).reshape(-1, self.nq) * self.scaling.slope(self.scaling.to_q(start))
+        return np.asarray(np.maximum(np.abs(slope).max(axis=1, initial=0.0), 1e-12))
+
+    def set_smoothing(self, smoothing: Smoothing) -> None:
+        """Widths used from now on (numbers, no new code is compiled)."""
+        self.smoothing = smoothing

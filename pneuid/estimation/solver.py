@@ -1,0 +1,335 @@
+"""IPOPT on the multiple-shooting problem, with every derivative supplied.
+
+Two stages share one interval function. Relaxed: the continuity defects are penalised, there are no equalities, coarse
+smoothing; it converges from rough starts and with a wrong model. Exact: the defects are equalities, fine smoothing,
+started from the relaxed solution. IPOPT gets ``f, grad_f, g, jac_g`` and the Gauss-Newton ``hess_lag``; nothing is
+differentiated at the level of the nonlinear programme.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+
+from pneuid.estimation.shooting import Evaluation, Shooting
+
+RELAXATION = 0.1
+"""Spread of the defects in the relaxed problem, in units of the state scale."""
+
+Monitor = Callable[[str, int, float], None]
+"""Called with stage, iteration and cost per sample."""
+
+
+SETTLED_OVER = 8
+"""Iterations of the relaxed stage without a relative gain of ``SETTLED_GAIN`` after which it has settled: Gauss-Newton
+steps across the kinks of stick-slip go on zigzagging at that level for a hundred more."""
+
+SETTLED_GAIN = 2e-5
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a stage ended: variables, cost (data and prior, unscaled), IPOPT's word, iterations, seconds."""
+
+    X: np.ndarray
+    cost: float
+    penalty: float
+    status: str
+    success: bool
+    iterations: int
+    seconds: float
+
+
+class _Assembly:
+    """Sparse structure of Hessian and Jacobian, computed once, filled from the blocks of an evaluation."""
+
+    def __init__(self, problem: Shooting, relaxed: bool) -> None:
+        self.problem, self.relaxed = problem, relaxed
+        nq, ns, nint = problem.nq, problem.ns, problem.nint
+        width = nq + ns
+        node = nq + ns * np.arange(nint)
+        local = np.concatenate([np.tile(np.arange(nq), (nint, 1)), node[:, None] + np.arange(ns)], axis=1)
+        cols, rows = np.tril_indices(width)
+        self.triangle = (rows, cols)
+        parameter_pair = cols < nq
+        self.shared, self.own = np.flatnonzero(parameter_pair), np.flatnonzero(~parameter_pair)
+        row_parts = [rows[self.shared], local[:, rows[self.own]].ravel()]
+        col_parts = [cols[self.shared], local[:, cols[self.own]].ravel()]
+        self.linked, self.local = problem.linked, local
+        following = node[self.linked + 1][:, None] + np.arange(ns)
+        if relaxed:
+            row_parts += [np.repeat(local[self.linked], ns, axis=1).ravel(), following.ravel()]
+            col_parts += [np.tile(following, (1, width)).ravel(), following.ravel()]
+        index = problem.priors[0]
+        row_parts.append(index)
+        col_parts.append(index)
+        self.hess_slots, self.hess_sparsity = _slots(row_parts, col_parts, problem.size, problem.size)
+        self.following = following
+        # Jacobian: continuity rows (exact stage only), then the parameter inequalities (dense in q)
+        self.ncon = problem.constraints(problem.scaling.to_q(self._starts()))[0].size
+        self.ndef = 0 if relaxed else self.linked.size * ns
+        row_parts, col_parts = [], []
+        if not relaxed:
+            defect = np.arange(self.ndef).reshape(-1, ns)
+            row_parts += [np.repeat(defect, width, axis=1).ravel(), defect.ravel()]
+            col_parts += [np.tile(local[self.linked], (1, ns)).ravel(), following.ravel()]
+        row_parts.append(np.repeat(self.ndef + np.arange(self.ncon), nq))
+        col_parts.append(np.tile(np.arange(nq), self.ncon))
+        self.jac_slots, self.jac_sparsity = _slots(row_parts, col_parts, self.ndef + self.ncon, problem.size)
+
+    def _starts(self) -> np.ndarray:
+        return np.array([parameter.start for parameter in self.problem.declared])
+
+    def gradient_and_hessian(self, at: Evaluation, X: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
+        """Dense gradient and Hessian nonzeros of ``scale * (cost + relaxed penalty + priors)``."""
+        problem = self.problem
+        nq, ns, width = problem.nq, problem.ns, problem.nq + problem.ns
+        rows, cols = self.triangle
+        blocks = at.gram[:, :width, :width]
+        slope = at.gram[:, :width, width]
+        gradient = np.zeros(problem.size)
+        pieces: list[np.ndarray] = []
+        if self.relaxed:
+            weight = 1.0 / RELAXATION
+            defect = problem.defects(at.end, X) * weight
+            S = at.sensitivity[self.linked] * weight
+            blocks = blocks.copy()
+            blocks[self.linked] += S.transpose(0, 2, 1) @ S
+            slope = slope.copy()
+            slope[self.linked] += np.einsum("iks,ik->is", S, defect)
+            cross = -S.transpose(0, 2, 1) * weight
+            pieces = [cross.ravel(), np.full(self.following.size, weight**2)]
+            gradient[self.following] -= weight * defect
+        gradient[:nq] += slope[:, :nq].sum(axis=0)
+        gradient[nq:] += slope[:, nq:].ravel()
+        triangle = blocks[:, rows, cols]
+        pieces = [triangle[:, self.shared].sum(axis=0), triangle[:, self.own].ravel(), *pieces]
+        index, _, inverse = problem.priors
+        np.add.at(gradient, index, problem.prior_residual(X) * inverse)
+        pieces.append(inverse**2)
+        values = np.bincount(self.hess_slots, weights=np.concatenate(pieces), minlength=self.hess_sparsity.nnz())
+        return scale * gradient, scale * values
+
+    def jacobian(self, at: Evaluation | None, X: np.ndarray) -> np.ndarray:
+        """Nonzeros of the constraint Jacobian."""
+        pieces = []
+        if not self.relaxed:
+            assert at is not None
+            pieces += [at.sensitivity[self.linked].ravel(), np.full(self.ndef, -1.0)]
+        _, slope = self.problem.constraints(X[: self.problem.nq])
+        pieces.append(slope.ravel())
+        values = np.concatenate(pieces)
+        return np.bincount(self.jac_slots, weights=values, minlength=self.jac_sparsity.nnz())
+
+    def hessian_matrix(self, values: np.ndarray) -> sp.csc_matrix:
+        """The full symmetric matrix from upper-triangle nonzeros."""
+        n = self.problem.size
+        upper = sp.csc_matrix((values, self.hess_sparsity.row(), self.hess_sparsity.colind()), shape=(n, n))
+        return (upper + sp.triu(upper, 1).T).tocsc()
+
+    def jacobian_matrix(self, values: np.ndarray) -> sp.csc_matrix:
+        """The sparse constraint Jacobian from its nonzeros."""
+        shape = (self.ndef + self.ncon, self.problem.size)
+        return sp.csc_matrix((values, self.jac_sparsity.row(), self.jac_sparsity.colind()), shape=shape)
+
+
+def _slots(row_parts: list, col_parts: list, nrow: int, ncol: int) -> tuple[np.ndarray, ca.Sparsity]:
+    """Where each contribution lands among the nonzeros, and the CCS sparsity."""
+    rows, cols = np.concatenate(row_parts).astype(np.int64), np.concatenate(col_parts).astype(np.int64)
+    keys, slots = np.unique(cols * max(nrow, 1) + rows, return_inverse=True)
+    colind = np.searchsorted(keys // max(nrow, 1), np.arange(ncol + 1))
+    sparsity = ca.Sparsity(nrow, ncol, [int(i) for i in colind], [int(i) for i in keys % max(nrow, 1)])
+    return slots, sparsity
+
+
+class _Evaluator:
+    """One evaluation per point, shared by the functions that IPOPT asks for."""
+
+    def __init__(self, problem: Shooting, relaxed: bool, monitor: Monitor | None, deadline: float) -> None:
+        self.problem, self.relaxed = problem, relaxed
+        self.assembly = _Assembly(problem, relaxed)
+        self.scale = 1.0 / max(problem.total_samples, 1)
+        self.monitor, self.deadline = monitor, deadline
+        self.stage = "relaxed" if relaxed else "exact"
+        self.iterations = 0
+        self.best: tuple[float, np.ndarray] | None = None
+        self.history: list[float] = []
+        self.stopped = ""
+        self._value_key, self._value = b"", (0.0, np.zeros(0))
+        self._key, self._at = b"", (np.zeros(0), np.zeros(0), np.zeros(0))
+        self.failure: BaseException | None = None
+
+    def value(self, X: np.ndarray) -> tuple[float, np.ndarray]:
+        """Scaled objective and constraints."""
+        key = X.tobytes()
+        if key != self._value_key:
+            end, cost = self.problem.evaluate_values(X)
+            defects = self.problem.defects(end, X).ravel()
+            cost += 0.5 * float(np.sum(self.problem.prior_residual(X) ** 2))
+            inequalities, _ = self.problem.constraints(X[: self.problem.nq])
+            if self.relaxed:
+                cost += 0.5 * float(np.sum((defects / RELAXATION) ** 2))
+                g = inequalities
+            else:
+                g = np.concatenate([defects, inequalities])
+            self._value_key, self._value = key, (cost * self.scale, g)
+            if self.relaxed and np.isfinite(cost) and (self.best is None or cost * self.scale < self.best[0]):
+                self.best = (cost * self.scale, X.copy())
+        return self._value
+
+    def derivatives(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Gradient, Jacobian nonzeros, Hessian nonzeros."""
+        key = X.tobytes()
+        if key != self._key:
+            at = self.problem.evaluate(X)
+            gradient, hessian = self.assembly.gradient_and_hessian(at, X, self.scale)
+            self._key, self._at = key, (gradient, self.assembly.jacobian(at, X), hessian)
+        return self._at
+
+    def after_iteration(self, cost: float) -> bool:
+        """Report to the monitor; True when IPOPT should stop (settled, out of time, interrupted)."""
+        self.iterations += 1
+        self.history.append(cost if self.best is None else self.best[0])
+        if self.failure is None and self.monitor is not None:
+            try:
+                self.monitor(self.stage, self.iterations, cost)
+            except KeyboardInterrupt as stop:
+                self.failure = stop
+        if self.failure is not None:
+            self.stopped = "Interrupted"
+        elif time.monotonic() > self.deadline:
+            self.stopped = "Time_Limit_Exceeded"
+        elif self.relaxed and len(self.history) > SETTLED_OVER:
+            gain = self.history[-1 - SETTLED_OVER] - self.history[-1]
+            if gain < SETTLED_GAIN * abs(self.history[-1]):
+                self.stopped = "Settled"
+        return bool(self.stopped)
+
+
+class _Function(ca.Callback):
+    """A CasADi function whose value comes from the shared evaluator."""
+
+    def __init__(
+        self, name: str, evaluator: _Evaluator, inputs: list[tuple[int, int]], outputs: list[ca.Sparsity], compute: Callable
+    ) -> None:
+        ca.Callback.__init__(self)
+        self._inputs, self._outputs, self._compute, self._evaluator = inputs, outputs, compute, evaluator
+        self.construct(name, {})
+
+    def get_n_in(self) -> int:
+        return len(self._inputs)
+
+    def get_n_out(self) -> int:
+        return len(self._outputs)
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(*self._inputs[i])
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        return self._outputs[i]
+
+    def eval(self, arguments: list[ca.DM]) -> list[ca.DM]:
+        X = np.asarray(arguments[0]).ravel()
+        try:
+            found = self._compute(X, arguments)
+        except KeyboardInterrupt as stop:
+            # an exception cannot cross the solver: it is kept, and the next iteration stops
+            self._evaluator.failure = stop
+            found = [np.full(sparsity.nnz(), np.nan) for sparsity in self._outputs]
+        return [ca.DM(sparsity, value) for sparsity, value in zip(self._outputs, found, strict=True)]
+
+
+def _ipopt(evaluator: _Evaluator, options: dict) -> tuple[ca.Function, list[_Function]]:
+    """The solver and the callbacks it needs kept alive."""
+    n, assembly = evaluator.problem.size, evaluator.assembly
+    m = assembly.ndef + assembly.ncon
+    scalar, dense_g = ca.Sparsity.dense(1, 1), ca.Sparsity.dense(m, 1)
+    x_p, lam = [(n, 1), (0, 1)], [(1, 1), (m, 1)]
+
+    def objective(X: np.ndarray, _: list) -> list:
+        f, g = evaluator.value(X)
+        return [np.array([f]), g]
+
+    def gradient(X: np.ndarray, _: list) -> list:
+        return [np.array([evaluator.value(X)[0]]), evaluator.derivatives(X)[0]]
+
+    def jacobian(X: np.ndarray, _: list) -> list:
+        return [evaluator.value(X)[1], evaluator.derivatives(X)[1]]
+
+    def hessian(X: np.ndarray, given: list) -> list:
+        return [float(given[2]) * evaluator.derivatives(X)[2]]
+
+    fg = _Function("pneuid_fg", evaluator, [(n, 1)], [scalar, dense_g], objective)
+    grad_f = _Function("pneuid_grad", evaluator, x_p, [scalar, ca.Sparsity.dense(n, 1)], gradient)
+    jac_g = _Function("pneuid_jac", evaluator, x_p, [dense_g, assembly.jac_sparsity], jacobian)
+    hess = _Function("pneuid_hess", evaluator, x_p + lam, [assembly.hess_sparsity], hessian)
+
+    def progress(_: np.ndarray, given: list) -> list:
+        return [np.array([float(evaluator.after_iteration(float(given[1])))])]
+
+    shapes = [(n, 1), (1, 1), (m, 1), (n, 1), (m, 1), (0, 1)]
+    each = _Function("pneuid_iteration", evaluator, shapes, [scalar], progress)
+    x = ca.MX.sym("x", n)
+    f, g = fg(x)
+    ipopt = {"print_level": 0, "sb": "yes", "max_iter": 200, **options}
+    solver = ca.nlpsol(
+        "pneuid_nlp", "ipopt", {"x": x, "f": f, "g": g},
+        {"grad_f": grad_f, "jac_g": jac_g, "hess_lag": hess, "no_nlp_grad": True, "calc_lam_p": False,
+         "print_time": False, "show_eval_warnings": False, "error_on_fail": False,
+         "iteration_callback": each, "ipopt": ipopt},
+    )  # fmt: skip
+    return solver, [fg, grad_f, jac_g, hess, each]
+
+
+def _solve(problem: Shooting, X0: np.ndarray, relaxed: bool, options: dict, monitor: Monitor | None, limit: float) -> Outcome:
+    began = time.monotonic()
+    evaluator = _Evaluator(problem, relaxed, monitor, began + limit)
+    solver, _kept = _ipopt(evaluator, options)
+    lower, upper = np.full(problem.size, -np.inf), np.full(problem.size, np.inf)
+    lower[: problem.nq], upper[: problem.nq] = problem.scaling.lower, problem.scaling.upper
+    ndef, ncon = evaluator.assembly.ndef, evaluator.assembly.ncon
+    found = solver(
+        x0=X0, lbx=lower, ubx=upper,
+        lbg=np.zeros(ndef + ncon), ubg=np.concatenate([np.zeros(ndef), np.full(ncon, np.inf)]),
+    )  # fmt: skip
+    if isinstance(evaluator.failure, KeyboardInterrupt):
+        raise KeyboardInterrupt
+    stats = solver.stats()
+    X = np.asarray(found["x"]).ravel()
+    status = evaluator.stopped or str(stats["return_status"])
+    value = evaluator.value(X)[0] if np.all(np.isfinite(X)) else np.nan
+    if relaxed and evaluator.best is not None and not (np.isfinite(value) and value <= evaluator.best[0] * (1 + 1e-9)):
+        X = evaluator.best[1]
+        value = evaluator.value(X)[0]
+    end, data_cost = problem.evaluate_values(X)
+    penalty = 0.5 * float(np.sum((problem.defects(end, X) / RELAXATION) ** 2))
+    return Outcome(
+        X=X, cost=data_cost, penalty=penalty, status=status, success=bool(stats["success"]) or status == "Settled",
+        iterations=evaluator.iterations, seconds=time.monotonic() - began,
+    )  # fmt: skip
+
+
+def solve_relaxed(
+    problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None, seconds: float = 120.0, strategy: str = "adaptive"
+) -> Outcome:
+    """Minimise cost plus penalised defects from ``X0``; never worse than the best point visited."""
+    options = {"tol": 1e-4, "mu_strategy": strategy, "max_iter": 150}
+    return _solve(problem, X0, True, options, monitor, seconds)
+
+
+def solve_exact(
+    problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None, seconds: float = 60.0, iterations: int = 60
+) -> Outcome:
+    """Minimise the cost subject to continuity, from a relaxed solution ``X0``."""
+    # the last digits of the dual infeasibility are the kinks' rounding: a cost that no longer moves is the end
+    options = {
+        "tol": 1e-6, "mu_strategy": "adaptive", "max_iter": iterations, "max_wall_time": float(seconds),
+        "acceptable_tol": 1e-3, "acceptable_iter": 2, "acceptable_obj_change_tol": 1e-7,
+        "acceptable_constr_viol_tol": 1e-3, "acceptable_dual_inf_tol": 1e-3,
+    }  # fmt: skip
+    return _solve(problem, X0, False, options, monitor, seconds)

@@ -1,0 +1,49 @@
+"""One reader per file format behind one registry.
+
+A reader is a function ``(path, layout) -> RawTable``. To add a format: one file with such a function,
+one line in ``READERS``. A reader whose library is an extra imports it inside the function and says in
+one line what to install.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from pneuid.errors import UserError
+from pneuid.formats.matlab import read_matlab
+from pneuid.formats.table import FileLayout, RawTable
+from pneuid.formats.text import read_text
+
+__all__ = ["READERS", "FileLayout", "RawTable", "Reader", "read_table"]
+
+Reader = Callable[[Path, FileLayout], RawTable]
+
+READERS: dict[str, Reader] = {
+    ".csv": read_text,
+    ".txt": read_text,
+    ".dat": read_text,
+    ".mat": read_matlab,
+}
+"""Reader by file extension, lower case."""
+
+
+def read_table(path: str | Path, layout: FileLayout) -> RawTable:
+    """Read the raw columns of the measurement in ``path``.
+
+    Raises ``UserError`` naming the file when it is absent, unreadable, of an unknown extension or not
+    what its extension says.
+    """
+    path = Path(path)
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        known = ", ".join(READERS)
+        raise UserError(f"{path}: no reader for files ending in '{path.suffix}'; known: {known}")
+    if not path.exists():
+        raise UserError(f"{path}: there is no such file")
+    if not path.is_file():
+        raise UserError(f"{path}: this is not a file; give one file per run")
+    try:
+        return reader(path, layout)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error

@@ -1,0 +1,156 @@
+"""The compiled interval function: K samples forward with sensitivities and Gauss-Newton blocks.
+
+One interval starts at a node state ``s`` and runs over ``K`` samples. At each sample the weighted residual
+``r = weight * (output - measured)`` and its derivative with respect to ``[theta selected, s]`` are accumulated in a packed
+Gram matrix of ``[theta selected, s, 1]``; the state and its sensitivity are then stepped to the next sample. So one call
+gives all that a Gauss-Newton solver needs: end state, its derivative, cost, gradient and Hessian block.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from pneuid.compiled import compile_functions
+from pneuid.plant import Plant
+from pneuid.step import substep
+
+PREFIX = "pneuid"
+
+
+@dataclass(frozen=True)
+class IntervalFunction:
+    """Compiled evaluation of intervals of ``samples`` samples each.
+
+    values : ``(s, data, theta) -> (end, cost)``; derivatives : ``(s, data, theta) -> (end, sensitivity, gram)``;
+    trajectory : ``(s, data, theta) -> outputs (ny x K), states (ns x K+1)``. ``data`` is ``(rows, K)`` with rows
+    ``dt``, inputs, input slopes, measured, weights. ``sensitivity`` is ``ns x (np + ns)``, ``gram`` the packed upper
+    triangle (column order) of the ``np + ns + 1`` square.
+    """
+
+    values: ca.Function
+    derivatives: ca.Function
+    trajectory: ca.Function
+    samples: int
+    substeps: int
+    selected: tuple[str, ...]
+    compiled: bool
+
+    @property
+    def width(self) -> int:
+        """Number of derivative columns, ``np + ns``."""
+        return int(self.derivatives.size2_out(1))
+
+
+def data_rows(plant: Plant) -> int:
+    """Rows of one sample's data column."""
+    return 1 + 2 * len(plant.inputs) + 2 * len(plant.outputs)
+
+
+def _symbols(plant: Plant) -> tuple[ca.SX, ca.SX, ca.SX]:
+    return (
+        ca.SX.sym("s", len(plant.states)),
+        ca.SX.sym("d", data_rows(plant)),
+        ca.SX.sym("theta", len(plant.theta_names)),
+    )
+
+
+def _split(plant: Plant, d: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+    nw, ny = len(plant.inputs), len(plant.outputs)
+    parts = ca.vertsplit(d, [0, 1, 1 + nw, 1 + 2 * nw, 1 + 2 * nw + ny, 1 + 2 * nw + 2 * ny])
+    return tuple(parts)
+
+
+def _sample_functions(plant: Plant, selected: Sequence[str], substeps: int) -> dict[str, ca.Function]:
+    """SX building blocks of one sample: residual, substep, and both with derivatives."""
+    s, d, theta = _symbols(plant)
+    index = [plant.theta_names.index(name) for name in selected]
+    dt, w, slope, y, weight = _split(plant, d)
+    ns, np_ = len(plant.states), len(index)
+
+    outputs = plant.evaluate(s, w, theta).outputs
+    shown = ca.vertcat(*(outputs[name] for name in plant.outputs))
+    residual = weight * (shown - y)
+    fraction = ca.SX.sym("fraction")
+    h = dt / substeps
+    moved = substep(plant, s, w + fraction * dt * slope, slope, h, theta)
+
+    chosen = theta[index] if index else ca.SX(0, 1)
+    S = ca.SX.sym("S", ns, np_ + ns)
+    A, B = ca.jacobian(moved, s), ca.jacobian(moved, chosen)
+    S_next = A @ S + ca.horzcat(B, ca.SX(ns, ns))
+    H, Hp = ca.jacobian(residual, s), ca.jacobian(residual, chosen)
+    rows = ca.horzcat(H @ S + ca.horzcat(Hp, ca.SX(len(plant.outputs), ns)), residual)
+    gram = ca.SX.sym("G", (np_ + ns + 1) * (np_ + ns + 2) // 2)
+    full = ca.densify(rows).T @ ca.densify(rows)
+    packed = ca.vertcat(*(full[: j + 1, j] for j in range(np_ + ns + 1)))
+
+    def function(name: str, given: list, result: list) -> ca.Function:
+        expressions = ca.cse([ca.densify(item) for item in result])
+        return ca.Function(f"{PREFIX}_{name}", given, expressions)
+
+    cost = ca.SX.sym("cost")
+    return {
+        "output": function("output", [s, d, theta], [shown]),
+        "cost": function("cost", [s, d, theta, cost], [cost + ca.dot(residual, residual)]),
+        "step": function("step", [s, fraction, d, theta], [moved]),
+        "gram": function("gram", [s, S, gram, d, theta], [gram + packed]),
+        "move": function("move", [s, S, fraction, d, theta], [moved, S_next]),
+    }
+
+
+def _chains(plant: Plant, selected: Sequence[str], samples: int, substeps: int) -> list[ca.Function]:
+    """MX interval functions: the sample functions called in a row; generated code stays a list of calls."""
+    part = _sample_functions(plant, selected, substeps)
+    ns, width = len(plant.states), len(selected) + len(plant.states)
+    start = ca.MX.sym("s", ns)
+    data = ca.MX.sym("data", data_rows(plant), samples)
+    theta = ca.MX.sym("theta", len(plant.theta_names))
+    columns = ca.horzsplit(data)
+
+    s, cost = start, ca.MX(1, 1)
+    outputs, states = [], [start]
+    for column in columns:
+        outputs.append(part["output"](s, column, theta))
+        cost = part["cost"](s, column, theta, cost)
+        for j in range(substeps):
+            s = part["step"](s, j / substeps, column, theta)
+        states.append(s)
+    values = ca.Function(f"{PREFIX}_values", [start, data, theta], [s, cost])
+    trajectory = ca.Function(f"{PREFIX}_trajectory", [start, data, theta], [ca.horzcat(*outputs), ca.horzcat(*states)])
+
+    s = start
+    S = ca.MX(ca.DM(np.hstack([np.zeros((ns, width - ns)), np.eye(ns)])))
+    gram = ca.MX(ca.DM.zeros((width + 1) * (width + 2) // 2, 1))
+    for column in columns:
+        gram = part["gram"](s, S, gram, column, theta)
+        for j in range(substeps):
+            s, S = part["move"](s, S, j / substeps, column, theta)
+    derivatives = ca.Function(f"{PREFIX}_derivatives", [start, data, theta], [s, S, gram])
+    return [values, derivatives, trajectory]
+
+
+@lru_cache(maxsize=64)
+def _build(plant_key: tuple, selected: tuple[str, ...], samples: int, substeps: int) -> IntervalFunction:
+    plant = _PLANTS[plant_key]
+    (values, derivatives, trajectory), done = compile_functions(_chains(plant, selected, samples, substeps), PREFIX)
+    return IntervalFunction(values, derivatives, trajectory, samples, substeps, selected, done)
+
+
+_PLANTS: dict[tuple, Plant] = {}
+
+
+def structure_key(plant: Plant) -> tuple:
+    """What the generated code depends on: the kind of rig, the friction law and the effects."""
+    return (plant.rig.kind, plant.law.name, tuple((type(e).__module__, e.name) for e in plant.effects), plant.theta_names)
+
+
+def interval_function(plant: Plant, selected: Sequence[str], samples: int, substeps: int) -> IntervalFunction:
+    """The interval function of ``plant`` with derivatives for the ``selected`` parameters; built once per process."""
+    key = structure_key(plant)
+    _PLANTS.setdefault(key, plant)
+    return _build(key, tuple(selected), samples, substeps)

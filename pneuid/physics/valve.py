@@ -1,0 +1,47 @@
+"""Proportional 5/3 valve: command to opening, opening and pressures to mass flow."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from pneuid.physics.gas import RHO_REFERENCE, T_REFERENCE
+from pneuid.physics.smoothing import Expression, Smoothing, positive_part
+
+
+def flow_function(ratio: Expression, b: Expression, laminar: Expression) -> Expression:
+    """ISO 6358-1 flow function ``psi`` of the pressure ratio, with a linear patch next to ratio 1.
+
+    Parameters: ``ratio`` = p_down/p_up in 0..1; ``b`` critical pressure ratio in 0..1; ``laminar`` width of the patch.
+    Returns 1 in choked flow, falling to 0 at ratio 1. Source: ISO 6358-1:2013, eq. (1) and (2); the patch keeps
+    the slope finite where the standard's ellipse is vertical.
+    """
+    edge = 1.0 - laminar
+    at_edge = ca.sqrt(1.0 - ((edge - b) / (1.0 - b)) ** 2)
+    # the root's argument is kept positive so that the branch not taken has a finite derivative
+    inside = ca.fmin(ca.fmax(ratio, b), edge)
+    ellipse = ca.sqrt(1.0 - ((inside - b) / (1.0 - b)) ** 2)
+    return ca.if_else(ratio < edge, ellipse, at_edge * (1.0 - ratio) / laminar)
+
+
+def mass_flow(
+    p_from: Expression, p_to: Expression, C: Expression, b: Expression, T: Expression, laminar: Expression
+) -> Expression:
+    """Mass flow in kg/s from absolute pressure ``p_from`` to ``p_to`` (Pa) through conductance ``C`` (m^3/(s Pa)).
+
+    Negative when ``p_to`` is the higher one (back-flow). ``T`` is the upstream temperature in K.
+    Source: ISO 6358-1:2013, eq. (1).
+    """
+    up, down = ca.fmax(p_from, p_to), ca.fmin(p_from, p_to)
+    size = C * RHO_REFERENCE * ca.sqrt(T_REFERENCE / T) * up * flow_function(down / up, b, laminar)
+    return ca.if_else(p_from >= p_to, size, -size)
+
+
+def relative_command(u: Expression, null: Expression, full_scale: Expression) -> Expression:
+    """Signed relative spool command: +1 opens supply to chamber 1 fully, -1 supply to chamber 2 (u in V)."""
+    return (u - null) / full_scale
+
+
+def edges(opening: Expression, smoothing: Smoothing) -> tuple[Expression, Expression]:
+    """Openings (0..1) of the edges that pressurise chamber 1 and chamber 2, from the signed opening."""
+    limited = ca.fmin(ca.fmax(opening, -1.0), 1.0)
+    return positive_part(limited, smoothing.opening), positive_part(-limited, smoothing.opening)

@@ -1,0 +1,1 @@
+"""Data only: rigs, references, pressure conditions and demonstrations. Found by ``pneuid.resources.scenario_path``."""

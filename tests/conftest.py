@@ -1,0 +1,15 @@
+"""Settings for every test: no window, no deadline on shared cores, the same examples each time."""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+# each test process of pytest -n 2 has one core; before numpy, numba and casadi start their threads
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+
+from hypothesis import settings  # noqa: E402 - the environment comes first
+
+settings.register_profile("pneuid", deadline=None, derandomize=True, print_blob=True)
+settings.load_profile("pneuid")
