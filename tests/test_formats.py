@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pneuid.errors import UserError
 from pneuid.formats import READERS, FileLayout, read_table
@@ -181,3 +183,30 @@ def test_matlab_files_that_cannot_be_read(tmp_path: Path) -> None:
     assert "not a MATLAB file" in refused(write(tmp_path, b"", "empty.mat"))
     scipy.io.savemat(tmp_path / "scalars.mat", {"a": 1.0})
     assert "no vector" in refused(tmp_path / "scalars.mat")
+
+
+@settings(deadline=None)
+@given(
+    content=st.binary(max_size=60) | st.text(alphabet="0123456789.,;[]\"' \t\r\nx\x0c\u2028-e", max_size=60),
+    header=st.booleans(),
+    gaps=st.booleans(),
+    delimiter=st.sampled_from([",", ";", "\t", "whitespace"]),
+    ending=st.sampled_from([".csv", ".mat"]),
+)
+def test_no_content_fails_otherwise_than_with_one_line(
+    tmp_path_factory: pytest.TempPathFactory,
+    content: bytes | str,
+    header: bool,
+    gaps: bool,
+    delimiter: str,
+    ending: str,
+) -> None:
+    path = write(tmp_path_factory.getbasetemp(), content, f"any{ending}")
+    problem = ""
+    try:
+        table = read_table(path, FileLayout(delimiter=delimiter, header=header, gaps=gaps))
+        for column in table.frame.columns:
+            table.numbers(column, gaps, str(path))
+    except UserError as error:
+        problem = str(error)
+    assert "\n" not in problem

@@ -348,3 +348,20 @@ def test_units_are_written_in_several_ways() -> None:
     assert quantity("32mm", "m", "here") == quantity(" 32 mm ", "m", "here") == pytest.approx(0.032)
     assert quantity("3 µm", "m", "here") == quantity("3 μm", "m", "here") == pytest.approx(3e-6)
     assert factor_and_offset("degC", "K", "here") == pytest.approx((1.0, 273.15))
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@given(key=st.sampled_from(sorted({case[0] for case in BAD_SERVO})), value=JSON)
+def test_no_value_of_any_key_fails_otherwise_than_with_one_line(key: str, value: Any) -> None:
+    problem = ""
+    try:
+        Rig.from_dict(changed(SERVO, key, value))
+    except UserError as error:
+        problem = str(error)
+    assert "\n" not in problem

@@ -32,9 +32,9 @@ def spline_motion(t: np.ndarray, x: np.ndarray, noise: float) -> Motion:
     # work in units of samples: the spline's system is badly scaled in seconds at kHz rates
     s = (t - t[0]) / step
     # sought on a stretch of the record where that is long: the same noise needs the same smoothing
-    piece = slice(0, min(s.size, 6000))
+    piece = slice(0, min(s.size, 2000))
     low, high = -2.0, 14.0
-    for _ in range(24):
+    for _ in range(14):
         middle = 0.5 * (low + high)
         if _residual(s[piece], x[piece], 10**middle) < noise:
             low = middle

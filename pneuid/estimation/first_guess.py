@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pneuid.estimation.differentiate import Motion, spline_motion
+from pneuid.estimation.differentiate import Motion
 from pneuid.estimation.preparation import Run
 from pneuid.physics import motion as mechanics
 from pneuid.physics.gas import R_AIR, RHO_REFERENCE, T_REFERENCE
@@ -24,9 +24,9 @@ TYPICAL_DEFLECTION = 4.0e-5
 """Deflection in m at which a seal breaks away; gives the stiffness a start."""
 
 
-def motions(runs: Sequence[Run], noise: dict[str, float]) -> list[Motion]:
-    """Smoothed motion of every run, the same spline that the bench inputs use."""
-    return [spline_motion(run.t, run.recording.signals["x"], noise["x"]) for run in runs]
+def motions(runs: Sequence[Run]) -> list[Motion]:
+    """Smoothed motion of every run."""
+    return [run.motion for run in runs]
 
 
 def _flow_per_conductance(p_from: np.ndarray, p_to: np.ndarray, b: float, T: float) -> np.ndarray:

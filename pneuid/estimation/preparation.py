@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pneuid.estimation.differentiate import spline_motion
+from pneuid.estimation.differentiate import Motion, spline_motion
 from pneuid.estimation.noise import sensor_noise
 from pneuid.plant import Plant
 from pneuid.recording import Recording
@@ -22,7 +22,8 @@ class Run:
     """One recording made ready.
 
     data : ``(rows, N)`` with rows dt, inputs, input slopes, measured outputs, weights (1/sigma, 0 where masked);
-    mass : the run's own moving mass (kg) or None; notes : what was masked and how inputs were made.
+    mass : the run's own moving mass (kg) or None; notes : what was masked and how inputs were made; motion : smoothed
+    position, speed and acceleration, one derivative for all users.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Run:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     recording: Recording
+    motion: Motion
 
     @property
     def n(self) -> int:
@@ -74,7 +76,13 @@ def prepare(recording: Recording, plant: Plant, noise: dict[str, float]) -> Run:
     t, signals = recording.t, recording.signals
     dt = np.diff(t, append=2 * t[-1] - t[-2])
     notes: list[str] = []
-    given = _servo_inputs(recording, plant) if plant.servo else _bench_inputs(recording, plant, noise, notes)
+    motion = spline_motion(t, signals["x"], noise["x"])
+    given = _servo_inputs(recording, plant) if plant.servo else _bench_inputs(recording, plant, motion)
+    if not plant.servo:
+        notes.append(
+            f"{recording.name}: speed and acceleration from a smoothing spline of x, "
+            f"bandwidth {motion.bandwidth:.3g} Hz at {noise['x'] * 1e6:.3g} um noise"
+        )
     w = np.vstack([given[name] for name in plant.inputs])
     slopes = np.diff(w, axis=1, append=w[:, -1:]) / dt
     if plant.rig.input_hold == "zero-order" and plant.servo:
@@ -89,7 +97,7 @@ def prepare(recording: Recording, plant: Plant, noise: dict[str, float]) -> Run:
             notes.append(f"{recording.name}: {int(near.sum())} samples within 1 mm of an end stop are masked")
     data = np.vstack([dt, w, slopes, y, weights])
     mass = plant.rig.run(recording.name).mass
-    return Run(recording.name, t, data, mass, tuple(notes), plant.inputs, plant.outputs, recording)
+    return Run(recording.name, t, data, mass, tuple(notes), plant.inputs, plant.outputs, recording, motion)
 
 
 def _servo_inputs(recording: Recording, plant: Plant) -> dict[str, np.ndarray]:
@@ -101,15 +109,8 @@ def _servo_inputs(recording: Recording, plant: Plant) -> dict[str, np.ndarray]:
     return {"u": signals["u"], "psup": psup}
 
 
-def _bench_inputs(
-    recording: Recording, plant: Plant, noise: dict[str, float], notes: list[str]
-) -> dict[str, np.ndarray]:
+def _bench_inputs(recording: Recording, plant: Plant, motion: Motion) -> dict[str, np.ndarray]:
     signals = recording.signals
-    motion = spline_motion(recording.t, signals["x"], noise["x"])
-    notes.append(
-        f"{recording.name}: speed and acceleration from a smoothing spline of x, "
-        f"bandwidth {motion.bandwidth:.3g} Hz at {noise['x'] * 1e6:.3g} um noise"
-    )
     still = np.full(recording.n, plant.rig.patm)
     v = signals.get("v", motion.v)
     return {"x": motion.x, "v": v, "a": motion.a, "p1": signals.get("p1", still), "p2": signals.get("p2", still)}

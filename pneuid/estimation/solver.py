@@ -333,3 +333,19 @@ def solve_exact(
         "acceptable_constr_viol_tol": 1e-3, "acceptable_dual_inf_tol": 1e-3,
     }  # fmt: skip
     return _solve(problem, X0, False, options, monitor, seconds)
+
+
+def constraint_system(problem: Shooting, X: np.ndarray) -> tuple[sp.csc_matrix, sp.csc_matrix]:
+    """Gauss-Newton Hessian (unscaled, priors included) and continuity Jacobian of the exact problem at ``X``."""
+    assembly = _Assembly(problem, relaxed=False)
+    at = problem.evaluate(X)
+    _, hessian = assembly.gradient_and_hessian(at, X, 1.0)
+    jacobian = assembly.jacobian_matrix(assembly.jacobian(at, X))
+    return assembly.hessian_matrix(hessian), jacobian[: assembly.ndef]
+
+
+def relaxed_system(problem: Shooting, X: np.ndarray) -> tuple[np.ndarray, sp.csc_matrix]:
+    """Gradient and Gauss-Newton Hessian (unscaled) of the relaxed cost at ``X``."""
+    assembly = _Assembly(problem, relaxed=True)
+    gradient, hessian = assembly.gradient_and_hessian(problem.evaluate(X), X, 1.0)
+    return gradient, assembly.hessian_matrix(hessian)

@@ -7,6 +7,7 @@ what is expected and what to do.
 from __future__ import annotations
 
 import difflib
+import json
 import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, get_args
@@ -205,7 +206,10 @@ def parse(raw: Mapping[str, Any], where: str) -> RigFile:
 def dotted(location: tuple[str | int, ...]) -> str:
     """``("runs", "monday_3.csv", "mass")`` as written in TOML: ``runs."monday_3.csv".mass``."""
     parts = [
-        f'"{part}"' if isinstance(part, str) and not part.replace("_", "").isalnum() else str(part) for part in location
+        str(part)
+        if not isinstance(part, str) or part.replace("_", "").replace("-", "").isalnum()
+        else json.dumps(part, ensure_ascii=not part.isprintable())
+        for part in location
     ]
     return ".".join(parts)
 

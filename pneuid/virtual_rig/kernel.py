@@ -347,7 +347,8 @@ def run_closed_loop(
     """Follow a reference as an engineer's logger does: measure, compute, apply one sample later.
 
     ``u[k+1] = null + feed_forward speed[k+1] + gain (e[k] + integral sum(e) duration) + dither[k+1]``
-    with ``e = reference - measured x``, limited to full scale; the integral to a tenth of it. Returns the applied commands and the states at the samples.
+    with ``e = reference - measured x``, limited to full scale, the integral to a tenth of it.
+    Returns the applied commands and the states at the samples.
     """
     samples = reference.shape[0]
     states = np.empty((samples, at.STATES))

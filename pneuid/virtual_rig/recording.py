@@ -67,7 +67,8 @@ def record_servo(
     gain, feed_forward = _controller(truth, hidden, pressure)
     u, states = run_closed_loop(
         rest_state(par, float(r[0]), pressure), reference, speed, shaking, sensors.x_noise * noise[0], gain,
-        chosen.integral, feed_forward, sensors.u_grid, sensors.x_grid, pressure, ramp, 1.0 / rate, substeps_for(1.0 / rate, step), par,
+        chosen.integral, feed_forward, sensors.u_grid, sensors.x_grid, pressure, ramp, 1.0 / rate,
+        substeps_for(1.0 / rate, step), par,
     )  # fmt: skip
     check_states(states, settling + samples, 1.0 / rate)
     seen = _measured(states, noise, hidden, sensors)

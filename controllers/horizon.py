@@ -1,0 +1,123 @@
+"""What the predictive controller knows of the plant over its horizon: stage dynamics and the friction to come.
+
+Stage states are position, velocity, chamber pressures, the identified effects' own states and the command, each
+divided by its typical size; the bristle is left out (its eigenvalue of 1e4 1/s would cost 36 Runge-Kutta steps) and
+friction enters as a known force. That force is the bristle's, carried ahead from the observer along the reference
+velocity and at the pressures last predicted, scaled by ``alpha``, plus the residual of the extended state observer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from controllers.control_model import EFFECTS, ControlModel
+from pneuid.compiled import compile_functions
+
+
+@dataclass(frozen=True)
+class Horizon:
+    """Compiled functions over ``N`` stages of ``interval`` seconds; ``nx`` stage states of typical size ``scale``.
+
+    dynamics : ``(s (nx,N), du (N), force (N), psup, theta) -> next (nx,N), A (nx, nx N), B (nx, N)``, scaled.
+    friction : ``(z, x_ref (N+1), v_ref (N+1), p1 (N), p2 (N), effects (:,N), alpha, residual, theta) -> force (1,N)``.
+    """
+
+    dynamics: ca.Function
+    friction: ca.Function
+    N: int
+    nx: int
+    interval: float
+    scale: np.ndarray
+    compiled: bool
+
+
+def stage_scale(model: ControlModel) -> np.ndarray:
+    """Typical sizes of the stage states; the command's is a tenth of full scale."""
+    core = list(model.plant.state_scales)
+    return np.array([*core[:4], *core[EFFECTS:], 0.1 * model.value("full_scale")])
+
+
+def build_horizon(model: ControlModel, N: int, interval: float) -> Horizon:
+    """Compile the functions of one horizon."""
+    dynamics, friction = _dynamics(model, N, interval), _friction(model, N, interval)
+    (dynamics, friction), compiled = compile_functions([dynamics, friction], "controllers_horizon")
+    scale = stage_scale(model)
+    return Horizon(dynamics, friction, N, scale.size, interval, scale, compiled)
+
+
+def _rates(model: ControlModel, core: ca.SX, u: ca.SX, psup: ca.SX, force: ca.SX, theta: ca.SX) -> ca.SX:
+    """Rates of position, velocity, pressures and effect states under a known friction ``force`` [N]."""
+    s = ca.vertcat(core[:4], 0.0, core[4:])
+    stages = model.plant.evaluate(s, [u, psup], theta)
+    acceleration = stages.explicit[1] + (stages.friction - force) / model.moving_mass(theta)
+    later = [source - decay * core[4 + i] for i, (source, decay) in enumerate(stages.relaxing[1:])]
+    return ca.vertcat(stages.explicit[0], acceleration, *stages.explicit[2:], *later)
+
+
+def _dynamics(model: ControlModel, N: int, interval: float) -> ca.Function:
+    """One classical Runge-Kutta step of a stage with its derivatives, mapped over the horizon."""
+    scale = ca.DM(stage_scale(model))
+    nx = scale.numel()
+    s, du = ca.SX.sym("s", nx), ca.SX.sym("du")
+    force, psup, theta = ca.SX.sym("force"), ca.SX.sym("psup"), model.theta_symbol()
+    size = scale[: nx - 1]
+    u = (s[nx - 1] + du) * scale[nx - 1]
+    core, h = s[: nx - 1] * size, interval
+
+    def rates(at: ca.SX) -> ca.SX:
+        return _rates(model, at, u, psup, force, theta)
+
+    k1 = rates(core)
+    k2 = rates(core + 0.5 * h * k1)
+    k3 = rates(core + 0.5 * h * k2)
+    k4 = rates(core + h * k3)
+    after = ca.vertcat((core + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)) / size, s[nx - 1] + du)
+    outputs = [after, ca.densify(ca.jacobian(after, s)), ca.densify(ca.jacobian(after, du))]
+    stage = ca.Function("controllers_stage", [s, du, force, psup, theta], ca.cse(outputs))
+    # supply and theta are the same for all stages
+    return stage.map("controllers_dynamics", "serial", N, [3, 4], [])
+
+
+def _friction(model: ControlModel, N: int, interval: float) -> ca.Function:
+    """The bristle carried along the reference velocity by its exact exponential; the force at mid-interval."""
+    z, theta = ca.SX.sym("z"), model.theta_symbol()
+    effects = ca.SX.sym("effects", model.states - EFFECTS)
+    x, v, p1, p2 = (ca.SX.sym(name) for name in ("x", "v", "p1", "p2"))
+    patm = model.named(theta, "patm")
+
+    def at(deflection: ca.SX) -> ca.SX:
+        return model.plant.evaluate(ca.vertcat(x, v, p1, p2, deflection, effects), [model.neutral, patm], theta)
+
+    def moved(duration: float) -> ca.SX:
+        source, decay = at(z).relaxing[0]
+        q = ca.fmax(decay * duration, 1e-12)
+        return z * ca.exp(-q) - source * duration * ca.expm1(-q) / q
+
+    given = [z, x, v, p1, p2, effects, theta]
+    now = at(moved(0.5 * interval))
+    step = ca.Function("controllers_bristle", given, [moved(interval), now.friction, now.coefficients.Fc])
+    chain = step.mapaccum("controllers_bristle_chain", N)
+    theta_mx = ca.MX.sym("theta", theta.numel())
+    z0, x_ref, v_ref = ca.MX.sym("z"), ca.MX.sym("x_ref", 1, N + 1), ca.MX.sym("v_ref", 1, N + 1)
+    pressure_1, pressure_2 = ca.MX.sym("p1", 1, N), ca.MX.sym("p2", 1, N)
+    states = ca.MX.sym("effects", effects.numel(), N)
+    alpha, residual = ca.MX.sym("alpha"), ca.MX.sym("residual")
+    middle = (0.5 * (x_ref[:, :-1] + x_ref[:, 1:]), 0.5 * (v_ref[:, :-1] + v_ref[:, 1:]))
+    _, force, level = chain(z0, *middle, pressure_1, pressure_2, states, ca.repmat(theta_mx, 1, N))
+    share = _frictional_share(residual, force[0], level[0], alpha)
+    inputs = [z0, x_ref, v_ref, pressure_1, pressure_2, states, alpha, residual, theta_mx]
+    return ca.Function("controllers_friction_ahead", inputs, [(alpha + share) * force + residual - share * force[0]])
+
+
+def _frictional_share(residual: ca.MX, force: ca.MX, level: ca.MX, alpha: ca.MX) -> ca.MX:
+    """The part of the residual that is taken to be friction, relative to the model's friction ``force`` now.
+
+    That part turns round with the motion; the rest stays as it is. At most ``1 - alpha`` (what ``alpha`` held back),
+    and nothing where the model's friction is not believed at all. Small forces, below the Coulomb ``level``, say little.
+    """
+    limit = ca.fmin(alpha, 1.0 - alpha)
+    share = residual * force / (force**2 + (0.5 * level) ** 2)
+    return ca.fmin(ca.fmax(share, -limit), limit)

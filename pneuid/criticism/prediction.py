@@ -1,0 +1,216 @@
+"""Prediction errors as the user reads them: 200 ms ahead, free run, and what noise alone would give.
+
+Servo rigs: each window of 200 ms starts from a state estimated from the 100 ms before it, parameters frozen. Bench rigs:
+the force over whole runs, the motion being imposed. The noise floor is the same metric on data simulated from the
+model itself with the sensors' noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pneuid.estimation.differentiate import spline_motion
+from pneuid.estimation.first_guess import first_nodes
+from pneuid.estimation.fit import node_every
+from pneuid.estimation.preparation import Run
+from pneuid.estimation.shooting import BRISTLE_SPREAD
+from pneuid.interval import IntervalFunction, interval_function
+from pneuid.plant import Plant
+from pneuid.simulate import estimate_start, simulate
+
+AHEAD_SECONDS = 0.2
+BEFORE_SECONDS = 0.1
+FLOOR_SEEDS = 3
+"""Noise seeds over which the floor is averaged and its spread taken."""
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """A model with its numbers: what prediction needs and nothing else (SI)."""
+
+    plant: Plant
+    values: Mapping[str, float]
+    ranges: Mapping[str, float]
+    noise: Mapping[str, float]
+    substeps: int
+
+    def theta(self, run: Run) -> np.ndarray:
+        """The theta column of one run."""
+        return self.plant.theta(self.values, self.ranges, run.mass)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Predicted outputs of one run beside the measured ones.
+
+    predicted, measured : ``(ny, N)`` at the predicted samples; index ``(N,)`` of those samples in the run; start states
+    are behind it. NaN where a window diverged.
+    """
+
+    run: Run
+    index: np.ndarray
+    predicted: np.ndarray
+    measured: np.ndarray
+    used: np.ndarray
+
+    @property
+    def error(self) -> np.ndarray:
+        """Measured minus predicted ``(ny, N)``, NaN where masked."""
+        return np.where(self.used, self.measured - self.predicted, np.nan)
+
+
+def _function(model: Frozen, runs: Sequence[Run]) -> IntervalFunction:
+    dt = float(np.median(np.concatenate([run.data[0] for run in runs])))
+    return interval_function(model.plant, (), node_every(dt), model.substeps)
+
+
+def _state_prior(plant: Plant) -> np.ndarray:
+    free = np.full(len(plant.core_states) - 1, np.inf)
+    return np.concatenate([free, [BRISTLE_SPREAD], [state.spread for state in plant.effect_states]])
+
+
+def _windows(run: Run, samples: int) -> tuple[int, int, np.ndarray]:
+    """Samples before and ahead (multiples of the interval) and the first sample of every estimation stretch."""
+    dt = float(np.median(run.data[0]))
+    before = max(1, round(BEFORE_SECONDS / dt / samples)) * samples
+    ahead = max(1, round(AHEAD_SECONDS / dt / samples)) * samples
+    return before, ahead, np.arange(0, run.n - before - ahead + 1, ahead)
+
+
+def _window_guess(model: Frozen, run: Run) -> np.ndarray:
+    """State guesses ``(N, ns)`` at every sample, from the measurements."""
+    return first_nodes(model.plant, [run], [run.motion], dict(model.values), 1).T
+
+
+def predict_ahead(model: Frozen, runs: Sequence[Run]) -> list[Prediction]:
+    """Servo: 200 ms windows of every run (contract's ``rmse``)."""
+    function = _function(model, runs)
+    return [_ahead(model, function, run, run.data)[0] for run in runs]
+
+
+def _ahead(model: Frozen, function: IntervalFunction, run: Run, data: np.ndarray) -> tuple[Prediction, np.ndarray]:
+    plant = model.plant
+    before, ahead, first = _windows(run, function.samples)
+    ny = len(plant.outputs)
+    if first.size == 0:
+        empty = np.zeros((ny, 0))
+        return Prediction(run, np.zeros(0, dtype=int), empty, empty, empty.astype(bool)), np.zeros((0, len(plant.states)))
+    cut = np.stack([data[:, k : k + before + ahead] for k in first])
+    theta = np.tile(model.theta(run), (first.size, 1))
+    guess = _window_guess(model, run)[first]
+    start = estimate_start(function, guess, cut[:, :, :before], theta, _state_prior(plant), plant.state_scales)
+    found = simulate(function, start, cut, theta)
+    index = (first[:, None] + before + np.arange(ahead)).ravel()
+    predicted = found.outputs[:, :, before:].transpose(1, 0, 2).reshape(ny, -1)
+    measured = data[-2 * ny : -ny][:, index]
+    return Prediction(run, index, predicted, measured, data[-ny:][:, index] > 0), start
+
+
+def predict_free(model: Frozen, runs: Sequence[Run]) -> list[Prediction]:
+    """Whole runs from a start estimated on their first 100 ms (contract's ``free_run_rmse``; a bench's ``rmse``)."""
+    function = _function(model, runs)
+    return [_free(model, function, run, run.data) for run in runs]
+
+
+def _free(model: Frozen, function: IntervalFunction, run: Run, data: np.ndarray) -> Prediction:
+    plant, K, ny = model.plant, function.samples, len(model.plant.outputs)
+    missing = -run.n % K
+    padded = np.concatenate([data, np.repeat(data[:, -1:], missing, axis=1)], axis=1)[None]
+    before, _, _ = _windows(run, K)
+    theta = model.theta(run)[None]
+    guess = _window_guess(model, run)[:1]
+    start = estimate_start(
+        function, guess, padded[:, :, : min(before, padded.shape[2] // K * K)], theta, _state_prior(plant), plant.state_scales
+    )
+    found = simulate(function, start, padded, theta)
+    index = np.arange(run.n)
+    return Prediction(run, index, found.outputs[0, :, : run.n], data[-2 * ny : -ny], data[-ny:] > 0)
+
+
+def predict(model: Frozen, runs: Sequence[Run]) -> list[Prediction]:
+    """The prediction behind the contract's ``rmse``: 200 ms ahead on a servo rig, whole runs on a bench."""
+    return predict_ahead(model, runs) if model.plant.servo else predict_free(model, runs)
+
+
+def rmse(predictions: Sequence[Prediction], outputs: Sequence[str]) -> dict[str, float]:
+    """Root mean square error per signal over all runs, SI; inf where a window diverged."""
+    found = {}
+    for i, name in enumerate(outputs):
+        errors = np.concatenate([p.measured[i][p.used[i]] - p.predicted[i][p.used[i]] for p in predictions])
+        found[name] = float(np.sqrt(np.mean(errors**2))) if np.all(np.isfinite(errors)) else float("inf")
+    return found
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """Mean of the metric over noise seeds and the standard deviation between them, per signal, SI."""
+
+    value: dict[str, float]
+    spread: dict[str, float]
+
+
+def noise_floor(model: Frozen, runs: Sequence[Run], seeds: int = FLOOR_SEEDS) -> NoiseFloor:
+    """The metric of ``predict`` on data simulated from the model with the sensors' noise (seeds fixed)."""
+    outputs = model.plant.outputs
+    every = []
+    for seed in range(seeds):
+        rng = np.random.default_rng([2011, seed])
+        made = [_floor_run(model, run, rng) for run in runs]
+        every.append(rmse(made, outputs))
+    return NoiseFloor(
+        {name: float(np.mean([one[name] for one in every])) for name in outputs},
+        {name: float(np.std([one[name] for one in every], ddof=1)) if seeds > 1 else 0.0 for name in outputs},
+    )
+
+
+def _floor_run(model: Frozen, run: Run, rng: np.random.Generator) -> Prediction:
+    function = _function(model, [run])
+    if model.plant.servo:
+        return _floor_servo(model, function, run, rng)
+    return _floor_bench(model, function, run, rng)
+
+
+def _floor_servo(model: Frozen, function: IntervalFunction, run: Run, rng: np.random.Generator) -> Prediction:
+    """Each window is simulated from its own estimated start, so that the operating points are those of the data."""
+    plant, ny = model.plant, len(model.plant.outputs)
+    before, ahead, first = _windows(run, function.samples)
+    if first.size == 0:
+        return _ahead(model, function, run, run.data)[0]
+    _, start = _ahead(model, function, run, run.data)
+    cut = np.stack([run.data[:, k : k + before + ahead] for k in first])
+    theta = np.tile(model.theta(run), (first.size, 1))
+    clean = simulate(function, start, cut, theta).outputs
+    sigma = np.array([model.noise[name] for name in plant.outputs])[:, None]
+    noisy = clean + sigma * rng.standard_normal(clean.shape)
+    cut[:, -2 * ny : -ny] = noisy
+    guess = start.copy()
+    position = {name: plant.states.index(name) for name in plant.outputs}
+    for i, name in enumerate(plant.outputs):
+        guess[:, position[name]] = noisy[:, i, :5].mean(axis=1)
+    again = estimate_start(function, guess, cut[:, :, :before], theta, _state_prior(plant), plant.state_scales)
+    found = simulate(function, again, cut, theta).outputs[:, :, before:]
+    index = (first[:, None] + before + np.arange(ahead)).ravel()
+    shape = (ny, -1)
+    measured = noisy[:, :, before:].transpose(1, 0, 2).reshape(shape)
+    return Prediction(run, index, found.transpose(1, 0, 2).reshape(shape), measured, run.weights[:, index] > 0)
+
+
+def _floor_bench(model: Frozen, function: IntervalFunction, run: Run, rng: np.random.Generator) -> Prediction:
+    """Force of the model on its own smoothed motion, then the whole chain again on a noisy copy of that motion."""
+    plant, ny = model.plant, len(model.plant.outputs)
+    clean = _free(model, function, run, run.data).predicted
+    x = run.motion.x + model.noise["x"] * rng.standard_normal(run.n)
+    again = spline_motion(run.t, x, model.noise["x"])
+    data = run.data.copy()
+    nw = len(plant.inputs)
+    replaced = {"x": again.x, "a": again.a}
+    if "v" not in run.recording.recorded:
+        replaced["v"] = again.v
+    for name, value in replaced.items():
+        data[1 + plant.inputs.index(name)] = value
+    data[1 + nw : 1 + 2 * nw] = np.diff(data[1 : 1 + nw], axis=1, append=data[1 : 1 + nw, -1:]) / data[0]
+    data[-2 * ny : -ny] = clean + model.noise["F"] * rng.standard_normal(clean.shape)
+    return _free(model, function, run, data)

@@ -1,0 +1,109 @@
+"""Running a model forward: intervals in a row, for one run or many windows at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from pneuid.interval import IntervalFunction
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Outputs ``(W, ny, N)`` at the samples and states ``(W, ns, N)`` of W windows simulated side by side (SI)."""
+
+    outputs: np.ndarray
+    states: np.ndarray
+    end: np.ndarray
+
+
+def simulate(function: IntervalFunction, start: np.ndarray, data: np.ndarray, theta: np.ndarray) -> Trajectory:
+    """Simulate W windows of equal length from their start states.
+
+    start : ``(W, ns)``; data : ``(W, rows, N)`` sample columns, N a multiple of the interval; theta : ``(W, ntheta)``.
+    Windows run side by side, intervals one after the other; a window that diverges is NaN from there on.
+    """
+    W, rows, N = data.shape
+    K = function.samples
+    ny = function.trajectory.size1_out(0)
+    ns = start.shape[1]
+    outputs, states = np.empty((W, ny, N)), np.empty((W, ns, N))
+    run = function.trajectory.map(W, "serial") if W > 1 else function.trajectory
+    s = np.ascontiguousarray(start.T)
+    columns = ca.DM(theta.T)
+    for first in range(0, N, K):
+        block = np.concatenate(list(data[:, :, first : first + K]), axis=1) if W > 1 else data[0, :, first : first + K]
+        shown, passed = (np.asarray(item) for item in run(s, block, columns))
+        outputs[:, :, first : first + K] = shown.reshape(ny, W, K).transpose(1, 0, 2)
+        passed = passed.reshape(ns, W, K + 1)
+        states[:, :, first : first + K] = passed[:, :, :K].transpose(1, 0, 2)
+        s = np.ascontiguousarray(passed[:, :, K])
+    return Trajectory(outputs, states, s.T)
+
+
+def estimate_start(
+    function: IntervalFunction,
+    guess: np.ndarray,
+    data: np.ndarray,
+    theta: np.ndarray,
+    prior: np.ndarray,
+    scale: np.ndarray,
+    iterations: int = 15,
+) -> np.ndarray:
+    """Start states ``(W, ns)`` of W windows that fit the windows' measurements best, parameters frozen.
+
+    Levenberg-Marquardt on every window at once. ``guess`` is ``(W, ns)``; ``prior`` its 1-sigma ``(ns,)`` (inf for
+    none); ``scale`` ``(ns,)`` makes the search dimensionless; data and theta as in ``simulate``. The interval
+    function must have been built without parameter derivatives.
+    """
+    W, ns = guess.shape
+    inverse = np.where(np.isfinite(prior), scale / prior, 0.0) ** 2
+    best, damping = guess.copy(), np.full(W, 1e-2)
+    cost, H, g = _gauss_newton(function, best, data, theta, scale)
+    cost = cost + 0.0
+    for _ in range(iterations):
+        offset = (best - guess) / scale
+        hessian = H + np.eye(ns) * inverse
+        gradient = g + inverse * offset
+        damped = hessian + damping[:, None, None] * np.einsum("wii->wi", hessian)[:, :, None] * np.eye(ns)
+        damped += 1e-12 * np.trace(damped, axis1=1, axis2=2)[:, None, None] * np.eye(ns)
+        step = -np.linalg.solve(damped, gradient[:, :, None])[:, :, 0]
+        trial = best + step * scale
+        now, H_new, g_new = _gauss_newton(function, trial, data, theta, scale)
+        before = cost + 0.5 * np.sum(inverse * offset**2, axis=1)
+        after = now + 0.5 * np.sum(inverse * ((trial - guess) / scale) ** 2, axis=1)
+        better = np.isfinite(after) & (after < before)
+        best[better], cost[better], H[better], g[better] = trial[better], now[better], H_new[better], g_new[better]
+        damping = np.where(better, damping * 0.2, np.minimum(damping * 6.0, 1e8))
+        if np.all(~better | (before - after < 1e-4 * np.maximum(before, 1e-9))) and np.any(better):
+            break
+    return best
+
+
+def _gauss_newton(
+    function: IntervalFunction, start: np.ndarray, data: np.ndarray, theta: np.ndarray, scale: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cost ``(W,)``, Hessian ``(W, ns, ns)`` and gradient ``(W, ns)`` in units of ``scale``."""
+    W, ns = start.shape
+    K, N = function.samples, data.shape[2]
+    run = function.derivatives.map(W, "serial") if W > 1 else function.derivatives
+    cols, rows = np.tril_indices(ns + 1)
+    chain = np.tile(np.diag(np.append(scale, 1.0)), (W, 1, 1))
+    total = np.zeros((W, ns + 1, ns + 1))
+    s, columns = np.ascontiguousarray(start.T), ca.DM(theta.T)
+    for first in range(0, N, K):
+        block = np.concatenate(list(data[:, :, first : first + K]), axis=1) if W > 1 else data[0, :, first : first + K]
+        end, sensitivity, packed = (np.asarray(item) for item in run(s, block, columns))
+        gram = np.empty((W, ns + 1, ns + 1))
+        gram[:, rows, cols] = packed.T
+        gram[:, cols, rows] = packed.T
+        total += chain.transpose(0, 2, 1) @ gram @ chain
+        S = sensitivity.reshape(ns, W, ns).transpose(1, 0, 2)
+        chain[:, :ns, :ns] = S @ chain[:, :ns, :ns]
+        s = end
+    finite = np.all(np.isfinite(total), axis=(1, 2))
+    total[~finite] = np.eye(ns + 1)
+    cost = np.where(finite, 0.5 * total[:, ns, ns], np.inf)
+    return cost, total[:, :ns, :ns], total[:, :ns, ns]
