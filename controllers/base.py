@@ -46,11 +46,18 @@ class Controller(ABC):
         self._trusted = Measurement(0.0, 0.0, 0.0, 0.0)
 
     def reset(self, measurement: Measurement, reference: Array) -> None:
-        """Start at rest at ``measurement``; ``reference`` is ``(preview, 4)``. Raises ``ValueError`` if not finite."""
+        """Start at rest at ``measurement``; ``reference`` is ``(preview, 4)`` as for ``step``.
+
+        Raises ``ValueError`` for a measurement or reference that is not finite, or a reference of another shape.
+        """
         if not all(map(math.isfinite, measurement)):
             raise ValueError(f"a controller starts from finite measurements, got {measurement}")
+        if reference.shape != (self.preview, 4) or not np.all(np.isfinite(reference)):
+            raise ValueError(
+                f"{self.name} needs a finite reference of shape ({self.preview}, 4), got {reference.shape}"
+            )
         self.applied, self._trusted = self.neutral, measurement
-        self._start(measurement, reference)
+        self._start(measurement)
 
     def step(self, measurement: Measurement, reference: Array) -> float:
         """Command [V] that acts from the next sample on; ``reference`` is ``(preview, 4)`` from this sample on.
@@ -64,13 +71,13 @@ class Controller(ABC):
         self._trusted = measurement
         u = self._command(measurement, reference)
         if not math.isfinite(u):
-            self.reset(measurement, reference)
+            self._start(measurement)
             u = self.neutral
         self.applied = min(max(u, self.lowest), self.highest)
         return self.applied
 
     @abstractmethod
-    def _start(self, measurement: Measurement, reference: Array) -> None:
+    def _start(self, measurement: Measurement) -> None:
         """Set the memory for a start at rest."""
 
     @abstractmethod

@@ -15,11 +15,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from controllers.base import ACCELERATION, JERK, POSITION, VELOCITY, Array, Measurement
+from controllers.base import ACCELERATION, JERK, POSITION, VELOCITY, Measurement
 from controllers.control_model import ControlModel, Instant, V, X
 from controllers.inverse_valve import command_for
-from controllers.law import CompiledLaw
-from controllers.observer import ObserverGains, memory_size, observed
+from controllers.law import CompiledLaw, Sample
+from controllers.observer import ObserverGains, memory_size, observed, start_memory
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,12 @@ class CascadeGains:
     bandwidth: Any
     pressure_trust: Any
     alpha: Any
+    learning: Any
 
     @property
     def observer(self) -> ObserverGains:
         """The observer's own gains."""
-        return ObserverGains(self.bandwidth, self.pressure_trust, self.alpha)
+        return ObserverGains(self.bandwidth, self.pressure_trust, self.alpha, self.learning)
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,24 @@ class Wanted:
     force: Any
     force_rate: Any
     integral: Any
+
+
+@dataclass(frozen=True)
+class FrictionEstimate:
+    """What is known of friction: the believed share of the model's force [N, against +v], the foreseeable part of its
+    rate [N/s] (viscous; bristle and Stribeck slope are fast and uncertain), and the residual force [N, against +x]."""
+
+    believed: Any
+    believed_rate: Any
+    residual: Any
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """Friction to be cancelled: force [N] and the part of its rate that is foreseeable [N/s]."""
+
+    force: Any
+    rate: Any
 
 
 def at_rest(state: Any, target: Any, hold: Any) -> Any:
@@ -66,23 +85,22 @@ def wanted_force(
     gains: CascadeGains,
     now: Instant,
     state: Any,
+    acceleration: Any,
     target: Any,
     integral: Any,
-    unexplained: Any,
-    compensation: Any,
+    compensation: Compensation,
     sample_time: float,
 ) -> Wanted:
     """Position loop and force loop.
 
-    state : estimate at the sample the command acts from; target : reference there, 4 columns; unexplained : force
-    against +x by which the model's acceleration is wrong, N; compensation : friction force to be cancelled, N.
+    state, acceleration : estimates at the sample the command acts from; target : reference there, 4 columns;
+    compensation : friction to be cancelled.
     """
     e, e_rate = target[POSITION] - state[X], target[VELOCITY] - state[V]
-    acceleration = now.acceleration - unexplained / now.mass
     asked = target[ACCELERATION] + gains.damping * e_rate + gains.position * e + gains.integral * integral
     asked_rate = target[JERK] + gains.damping * (target[ACCELERATION] - acceleration) + gains.position * e_rate
-    force = now.mass * asked - now.other + compensation
-    rate = now.mass * asked_rate + gains.force * (force - now.pressure_force)
+    force = now.mass * asked - now.other + compensation.force
+    rate = now.mass * asked_rate + compensation.rate + gains.force * (force - now.pressure_force)
     held = at_rest(state, target, gains.hold)
     return Wanted(
         force=force,
@@ -100,33 +118,30 @@ class Cascade(CompiledLaw):
     def __init__(self, model: ControlModel, gains: CascadeGains, sample_time: float = 1e-3) -> None:
         super().__init__(model, gains, sample_time)
 
-    def start(self, measurement: Measurement, reference: Array) -> np.ndarray:
-        """Observer at rest, no unexplained force, no integral."""
-        at = self.model.rest(measurement.x, measurement.p1, measurement.p2)
-        memory = np.concatenate([at, [0.0, 0.0]])
-        assert memory.size == memory_size(self.model) + 1
-        return memory
+    def start(self, measurement: Measurement) -> np.ndarray:
+        """Observer at rest, no integral."""
+        return np.append(start_memory(self.model, measurement), 0.0)
 
-    def law(self, memory: Any, seen: Any, target: Any, applied: Any, gains: Any, theta: Any) -> tuple[Any, Any]:
+    def law(self, memory: Any, sample: Sample, gains: CascadeGains) -> tuple[Any, Any]:
         """Observe, then command for the next sample."""
-        model, T = self.model, self.sample_time
+        model, T, psup = self.model, self.sample_time, sample.seen[3]
         size = memory_size(model)
-        estimate = observed(model, memory[:size], seen, applied, gains.observer, T, theta)
-        state, residual = estimate[: model.states], estimate[model.states]
-        now = model.instant(state, applied, seen[3], theta)
-        aim = target[1, :]
-        unexplained = residual - (1.0 - gains.alpha) * now.friction
-        friction = self.compensation(now, residual, gains)
-        wanted = wanted_force(gains, now, state, aim, memory[size], unexplained, friction, T)
-        u = command_for(model, wanted.force_rate, state, seen[3], gains.lead, theta)
+        estimate = observed(model, memory[:size], sample.seen, sample.applied, gains.observer, T, sample.theta)
+        state, residual, share = estimate[: model.states], estimate[model.states], estimate[model.states + 1]
+        now = model.instant(state, sample.applied, psup, sample.theta)
+        aim, share = sample.target[1, :], gains.alpha + share
+        friction = FrictionEstimate(share * now.friction, share * now.viscous * aim[ACCELERATION], residual)
+        acceleration = now.acceleration + (now.friction - friction.believed - residual) / now.mass
+        wanted = wanted_force(gains, now, state, acceleration, aim, memory[size], self.compensation(friction), T)
+        u = command_for(model, wanted.force_rate, state, psup, gains.lead, sample.theta)
         # the integral waits while the command is at a limit
         inside = ca.logic_and(u > model.lowest + 1e-3, u < model.highest - 1e-3)
         integral = ca.if_else(inside, wanted.integral, memory[size])
         return u, ca.vertcat(estimate, integral)
 
-    def compensation(self, now: Instant, residual: Any, gains: CascadeGains) -> Any:
-        """Friction force to be cancelled, N: none."""
-        return 0.0
+    def compensation(self, _: FrictionEstimate) -> Compensation:
+        """What of friction to cancel: nothing."""
+        return Compensation(0.0, 0.0)
 
 
 class CascadeEso(Cascade):
@@ -134,6 +149,6 @@ class CascadeEso(Cascade):
 
     name = "cascade_eso"
 
-    def compensation(self, now: Instant, residual: Any, gains: CascadeGains) -> Any:
-        """The residual force."""
-        return residual
+    def compensation(self, friction: FrictionEstimate) -> Compensation:
+        """The residual force; ``alpha`` is 0 here, so it holds all of friction."""
+        return Compensation(friction.residual, 0.0)

@@ -23,7 +23,8 @@ class Instant:
     """Forces and rates at one state and command, all symbolic, SI, absolute pressures.
 
     pressure_force : N, in +x; force_rate : its rate, N/s; friction : N, against +v; other : all forces but pressure
-    and friction, N, in +x; acceleration : m/s^2 with the model's own friction; mass : kg; pressure_rates : Pa/s.
+    and friction, N, in +x; acceleration : m/s^2 with the model's own friction; mass : kg; viscous : slope of the
+    steady friction with speed, N s/m.
     """
 
     pressure_force: Any
@@ -32,7 +33,7 @@ class Instant:
     other: Any
     acceleration: Any
     mass: Any
-    pressure_rates: tuple[Any, Any]
+    viscous: Any
 
 
 class ControlModel:
@@ -102,7 +103,8 @@ class ControlModel:
         acceleration = stages.explicit[1]
         rates = (stages.explicit[2], stages.explicit[3])
         other = mass * acceleration + stages.friction - pushing
-        return Instant(pushing, A1 * rates[0] - A2 * rates[1], stages.friction, other, acceleration, mass, rates)
+        force_rate = A1 * rates[0] - A2 * rates[1]
+        return Instant(pushing, force_rate, stages.friction, other, acceleration, mass, stages.coefficients.sigma2)
 
 
 class KnownFriction:

@@ -97,8 +97,7 @@ def _friction(model: ControlModel, N: int, interval: float) -> ca.Function:
         return z * ca.exp(-q) - source * duration * ca.expm1(-q) / q
 
     given = [z, x, v, p1, p2, effects, theta]
-    now = at(moved(0.5 * interval))
-    step = ca.Function("controllers_bristle", given, [moved(interval), now.friction, now.coefficients.Fc])
+    step = ca.Function("controllers_bristle", given, [moved(interval), at(moved(0.5 * interval)).friction])
     chain = step.mapaccum("controllers_bristle_chain", N)
     theta_mx = ca.MX.sym("theta", theta.numel())
     z0, x_ref, v_ref = ca.MX.sym("z"), ca.MX.sym("x_ref", 1, N + 1), ca.MX.sym("v_ref", 1, N + 1)
@@ -106,18 +105,6 @@ def _friction(model: ControlModel, N: int, interval: float) -> ca.Function:
     states = ca.MX.sym("effects", effects.numel(), N)
     alpha, residual = ca.MX.sym("alpha"), ca.MX.sym("residual")
     middle = (0.5 * (x_ref[:, :-1] + x_ref[:, 1:]), 0.5 * (v_ref[:, :-1] + v_ref[:, 1:]))
-    _, force, level = chain(z0, *middle, pressure_1, pressure_2, states, ca.repmat(theta_mx, 1, N))
-    share = _frictional_share(residual, force[0], level[0], alpha)
+    _, force = chain(z0, *middle, pressure_1, pressure_2, states, ca.repmat(theta_mx, 1, N))
     inputs = [z0, x_ref, v_ref, pressure_1, pressure_2, states, alpha, residual, theta_mx]
-    return ca.Function("controllers_friction_ahead", inputs, [(alpha + share) * force + residual - share * force[0]])
-
-
-def _frictional_share(residual: ca.MX, force: ca.MX, level: ca.MX, alpha: ca.MX) -> ca.MX:
-    """The part of the residual that is taken to be friction, relative to the model's friction ``force`` now.
-
-    That part turns round with the motion; the rest stays as it is. At most ``1 - alpha`` (what ``alpha`` held back),
-    and nothing where the model's friction is not believed at all. Small forces, below the Coulomb ``level``, say little.
-    """
-    limit = ca.fmin(alpha, 1.0 - alpha)
-    share = residual * force / (force**2 + (0.5 * level) ** 2)
-    return ca.fmin(ca.fmax(share, -limit), limit)
+    return ca.Function("controllers_friction_ahead", inputs, [alpha * force + residual])

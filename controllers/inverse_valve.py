@@ -42,17 +42,25 @@ def command_for(model: ControlModel, wanted: Any, s: Any, psup: Any, lead: Any, 
     return 0.5 * (low + high)
 
 
-class InverseValve:
-    """The inversion and the map it inverts as compiled functions of numbers.
+def same_effect_function(model: ControlModel) -> ca.Function:
+    """Compiled ``(u, s, psup, lead, meant theta, theta) -> command`` that does on ``theta`` what ``u`` does on another."""
+    s, u, psup, lead = ca.SX.sym("s", model.states), ca.SX.sym("u"), ca.SX.sym("psup"), ca.SX.sym("lead")
+    meant, theta = ca.SX.sym("meant", model.theta.size), model.theta_symbol()
+    command = command_for(model, led_force_rate(model, s, u, psup, lead, meant), s, psup, lead, theta)
+    function = ca.Function("controllers_same_effect", [u, s, psup, lead, meant, theta], [command], {"cse": True})
+    return compile_functions([function], "controllers_same_effect")[0][0]
 
-    ``forward(s, u, psup)`` and ``__call__(wanted, s, psup)``: plant state ``s`` (``model.states``,), command [V],
-    supply [Pa, absolute], rate [N/s].
+
+class InverseValve:
+    """The map and its inverse as compiled functions of numbers.
+
+    Plant state ``s`` ``(model.states,)``, commands in V, supply in Pa absolute, rates in N/s.
     """
 
     def __init__(self, model: ControlModel, lead: float) -> None:
-        self._model, self._lead = model, lead
-        s, theta = ca.SX.sym("s", model.states), model.theta_symbol()
-        first, psup, ahead = ca.SX.sym("first"), ca.SX.sym("psup"), ca.SX.sym("lead")
+        self.model, self.lead = model, lead
+        s, theta, first = ca.SX.sym("s", model.states), model.theta_symbol(), ca.SX.sym("first")
+        psup, ahead = ca.SX.sym("psup"), ca.SX.sym("lead")
         given = [first, s, psup, ahead, theta]
         rate = led_force_rate(model, s, first, psup, ahead, theta)
         command = command_for(model, first, s, psup, ahead, theta)
@@ -64,8 +72,8 @@ class InverseValve:
 
     def forward(self, s: np.ndarray, u: float, psup: float) -> float:
         """Rate of the pressure force in N/s."""
-        return float(self._forward(u, s, psup, self._lead, self._model.theta))
+        return float(self._forward(u, s, psup, self.lead, self.model.theta))
 
     def __call__(self, wanted: float, s: np.ndarray, psup: float) -> float:
-        """Command in V."""
-        return float(self._inverse(wanted, s, psup, self._lead, self._model.theta))
+        """Command in V for a wanted rate."""
+        return float(self._inverse(wanted, s, psup, self.lead, self.model.theta))

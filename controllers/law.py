@@ -7,7 +7,7 @@ code export needs.
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import astuple
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import casadi as ca
@@ -15,9 +15,24 @@ import numpy as np
 
 from controllers.base import Array, Controller, Measurement
 from controllers.control_model import ControlModel
+from controllers.inplace import InPlace
 from pneuid.compiled import compile_functions
 
 COLUMNS = 4
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What a law looks at in one sample, all symbolic.
+
+    seen : as ``Measurement``; target : reference, ``preview x 4``; applied : the command acting now, V; theta : the
+    model's column.
+    """
+
+    seen: Any
+    target: Any
+    applied: Any
+    theta: Any
 
 
 class CompiledLaw(Controller):
@@ -33,45 +48,36 @@ class CompiledLaw(Controller):
         super().__init__(sample_time, model.lowest, model.highest, model.neutral)
         self.model, self.gains = model, gains
         function, self.compiled = self._function()
-        self._buffer, self._run = function.buffer()
-        size = function.size1_in(0)
-        self._memory, self._next = np.zeros(size), np.zeros(size)
-        self._seen, self._target, self._u = np.zeros(4), np.zeros(self.preview * COLUMNS), np.zeros(1)
-        self._acting = np.zeros(1)
+        self._memory, self._next = np.zeros(function.numel_in(0)), np.zeros(function.numel_in(0))
+        self._seen, self._target = np.zeros(len(Measurement._fields)), np.zeros(self.preview * COLUMNS)
+        self._acting, self._u = np.zeros(1), np.zeros(1)
         self._numbers = np.array(astuple(gains), dtype=float)
-        self._theta = np.ascontiguousarray(model.theta)
-        given = (self._memory, self._seen, self._target, self._acting, self._numbers, self._theta)
-        for place, array in enumerate(given):
-            self._buffer.set_arg(place, memoryview(array))
-        for place, array in enumerate((self._u, self._next)):
-            self._buffer.set_res(place, memoryview(array))
+        given = (self._memory, self._seen, self._target, self._acting, self._numbers, model.theta.copy())
+        self._run = InPlace(function, given, (self._u, self._next))
 
     @abstractmethod
-    def start(self, measurement: Measurement, reference: Array) -> np.ndarray:
+    def start(self, measurement: Measurement) -> np.ndarray:
         """The memory at rest, ``(size,)``."""
 
     @abstractmethod
-    def law(self, memory: Any, seen: Any, target: Any, applied: Any, gains: Any, theta: Any) -> tuple[Any, Any]:
-        """Command [V] and next memory, symbolic; ``seen`` as ``Measurement``, ``target`` is ``preview x 4``."""
-
-    def memory_length(self) -> int:
-        """Length of the memory."""
-        return self.start(Measurement(0.0, 1e5, 1e5, 1e5), np.zeros((self.preview, COLUMNS))).size
+    def law(self, memory: Any, sample: Sample, gains: Any) -> tuple[Any, Any]:
+        """Command [V] for the next sample and the memory for it, symbolic."""
 
     def _function(self) -> tuple[ca.Function, bool]:
-        memory, seen, applied = ca.SX.sym("memory", self.memory_length()), ca.SX.sym("seen", 4), ca.SX.sym("applied")
+        size = self.start(Measurement(0.0, 0.0, 0.0, 0.0)).size
+        memory, seen, applied = ca.SX.sym("memory", size), ca.SX.sym("seen", 4), ca.SX.sym("applied")
         target, theta = ca.SX.sym("target", self.preview * COLUMNS), self.model.theta_symbol()
         numbers = ca.SX.sym("gains", len(astuple(self.gains)))
         gains = self.gains_type(*(numbers[i] for i in range(numbers.numel())))
         rows = ca.reshape(target, COLUMNS, self.preview).T
-        u, after = self.law(memory, seen, rows, applied, gains, theta)
+        u, after = self.law(memory, Sample(seen, rows, applied, theta), gains)
         name = f"controllers_{self.name}"
         function = ca.Function(name, [memory, seen, target, applied, numbers, theta], [u, after], {"cse": True})
         found, compiled = compile_functions([function], name)
         return found[0], compiled
 
-    def _start(self, measurement: Measurement, reference: Array) -> None:
-        self._memory[:] = self.start(measurement, reference)
+    def _start(self, measurement: Measurement) -> None:
+        self._memory[:] = self.start(measurement)
 
     def _command(self, measurement: Measurement, reference: Array) -> float:
         self._seen[:] = measurement
@@ -80,6 +86,11 @@ class CompiledLaw(Controller):
         self._run()
         self._memory[:] = self._next
         return float(self._u[0])
+
+    def retune(self, gains: Any) -> None:
+        """Other gains for the same law, without compiling again."""
+        self.gains = gains
+        self._numbers[:] = astuple(gains)
 
     @property
     def memory(self) -> np.ndarray:

@@ -3,6 +3,8 @@
 Every sample the identified plant is linearised along the last solution, shifted by one, and one quadratic program
 gives the next command. The weights follow from one bandwidth, see ``tuning``. State bounds are soft, the command's
 are hard; the change of the command is what is penalised, so nothing pulls the plan away from the reference.
+The plan is made on the plant with a rounded valve: inside a sharp dead zone a linearisation sees no effect of the
+command at all. What the plan's command does there is then done on the sharp plant, by the inverse valve.
 Source: Diehl, Bock, Schloeder, SIAM J. Control Optim. 43 (2005) 1714 (real-time iteration).
 """
 
@@ -15,9 +17,11 @@ import numpy as np
 
 from controllers import qp
 from controllers.base import POSITION, VELOCITY, Array, Controller, Measurement
-from controllers.control_model import EFFECTS, ControlModel, V, X, Z
-from controllers.horizon import Horizon, build_horizon
-from controllers.observer import ObserverGains, memory_size, observed
+from controllers.control_model import EFFECTS, ControlModel, Z
+from controllers.horizon import build_horizon
+from controllers.inplace import InPlace
+from controllers.inverse_valve import same_effect_function
+from controllers.observer import ObserverGains, memory_size, observed, start_memory
 from pneuid.compiled import compile_functions
 
 
@@ -36,10 +40,23 @@ class MpcGains:
     bandwidth: float
     pressure_trust: float
     alpha: float
+    learning: float
 
 
 ERROR_SCALE = 1e-4
 """Position error that counts 1/2 in the cost, m; sets the scale of the quadratic program only."""
+
+TOLERANCE = 1e-7
+"""Of the quadratic program, whose commands are of order one."""
+
+GIVE = 1e-3
+"""Softness of the state bounds: crossing by one typical size costs as much as 2 mm of position error."""
+
+ROUNDED_OPENING = 0.02
+"""Width of the valve's rounding in the plan, relative to full scale."""
+
+ROUNDED_LAMINAR = 5e-3
+"""Width of the laminar patch in the plan; keeps the chamber's eigenvalue within the Runge-Kutta step."""
 
 
 class Mpc(Controller):
@@ -49,131 +66,137 @@ class Mpc(Controller):
 
     def __init__(self, model: ControlModel, gains: MpcGains, sample_time: float = 2e-3, stages: int = 40) -> None:
         super().__init__(sample_time, model.lowest, model.highest, model.neutral)
-        self.model, self.gains, self.preview = model, gains, stages + 2
+        self.model, self.preview = model, stages + 2
         self.horizon = build_horizon(model, stages, sample_time)
-        self._observe = _observer(model, sample_time)
-        self._numbers = np.array([gains.bandwidth, gains.pressure_trust, gains.alpha])
-        self._memory = np.zeros(memory_size(model))
-        self._plan_x = np.zeros((stages + 1, self.horizon.nx))
-        self._plan_u = np.zeros(stages)
-        self._prepare_arrays()
-        self._prepare_weights()
+        self._plan_x, self._plan_u = np.zeros((stages + 1, self.horizon.nx)), np.zeros(stages)
+        self._planned = model.neutral
+        self._prepare_observer()
+        self._prepare_horizon()
+        self._prepare_bounds()
+        self.retune(gains)
         self.iterations = 0
         """Interior-point iterations of the last step; 0 when no bound was active."""
 
-    def _prepare_arrays(self) -> None:
-        """Fixed memory that the compiled functions read and write."""
-        h, effects = self.horizon, self.model.states - EFFECTS
-        N, nx = h.N, h.nx
-        self._stage_in = (np.zeros((N, nx)), np.zeros(N), np.zeros(N), np.zeros(1), self.model.theta.copy())
-        self._stage_out = (np.zeros((N, nx)), np.zeros((N, nx, nx)), np.zeros((N, nx)))
-        self._stage_run = _bound(h.dynamics, self._stage_in, self._stage_out)
-        one = np.zeros
-        self._friction_in = (
-            one(1), one(N + 1), one(N + 1), one(N), one(N), one((N, effects)), one(1), one(1), self.model.theta.copy(),
-        )  # fmt: skip
-        self._friction_run = _bound(h.friction, self._friction_in, (self._stage_in[2],))
-        size = memory_size(self.model)
-        self._observe_in = (self._memory, np.zeros(4), np.zeros(1), self._numbers, self.model.theta.copy())
-        self._observed = np.zeros(size)
-        self._observe_run = _bound(self._observe, self._observe_in, (self._observed,))
-
-    def _prepare_weights(self) -> None:
-        h, g, model = self.horizon, self.gains, self.model
-        N, nx = h.N, h.nx
-        weight = np.zeros(nx)
+    def retune(self, gains: MpcGains) -> None:
+        """Other gains for the same controller, without compiling again."""
+        h, self.gains = self.horizon, gains
+        self._numbers[:] = gains.bandwidth, gains.pressure_trust, gains.alpha, gains.learning
+        weight = np.zeros(h.nx)
         weight[0] = (h.scale[0] / ERROR_SCALE) ** 2
-        weight[1] = (h.scale[1] * g.velocity / ERROR_SCALE) ** 2
-        self._Q = np.tile(weight, (N + 1, 1))
-        self._Q[N] *= g.terminal
-        self._R = (g.change * h.scale[-1] / ERROR_SCALE) ** 2
-        self._give = np.zeros(nx)
-        self._give[:4] = 1e-3
-        self._lower, self._upper = np.full(nx, -np.inf), np.full(nx, np.inf)
-        self._lower[0], self._upper[0] = 0.0, model.value("stroke") / h.scale[0]
-        self._lower[-1], self._upper[-1] = model.lowest / h.scale[-1], model.highest / h.scale[-1]
-        self._lower[2:4] = 0.9 * model.value("patm") / h.scale[2]
+        weight[1] = (h.scale[1] * gains.velocity / ERROR_SCALE) ** 2
+        self._Q = np.tile(weight, (h.N + 1, 1))
+        self._Q[h.N] *= gains.terminal
+        self._R = (gains.change * h.scale[-1] / ERROR_SCALE) ** 2
 
-    def _start(self, measurement: Measurement, reference: Array) -> None:
-        at = self.model.rest(measurement.x, measurement.p1, measurement.p2)
-        self._memory[:] = np.append(at, 0.0)
-        self._plan_x[:] = self._stage_state(at, self.neutral)
+    def _prepare_observer(self) -> None:
+        """Fixed memory of the observer and of the translation of a planned command into one for the valve."""
+        model, size = self.model, memory_size(self.model)
+        self._memory, self._observed, self._state = np.zeros(size), np.zeros(size), np.zeros(model.states)
+        self._seen, self._acting, self._numbers = np.zeros(4), np.zeros(1), np.zeros(4)
+        theta = model.theta.copy()
+        given = (self._memory, self._seen, self._acting, self._numbers, theta)
+        self._observe = InPlace(_observer(model, self.sample_time), given, (self._observed,))
+        self._supply, self._meant, self._command_out = np.zeros(1), np.zeros(1), np.zeros(1)
+        self._rounded = model.with_values(smooth_opening=ROUNDED_OPENING, smooth_laminar=ROUNDED_LAMINAR)
+        given = (self._meant, self._state, self._supply, np.array([self.sample_time]), self._rounded, theta)
+        self._translate = InPlace(same_effect_function(model), given, (self._command_out,))
+
+    def _prepare_horizon(self) -> None:
+        """Fixed memory of the stage dynamics and of the friction to come."""
+        h = self.horizon
+        N, nx, zeros = h.N, h.nx, np.zeros
+        self._force, self._start_x, self._start_u = zeros(N), zeros((N, nx)), zeros(N)
+        self._after, self._A, self._B = zeros((N, nx)), zeros((N, nx, nx)), zeros((N, nx))
+        given = (self._start_x, self._start_u, self._force, self._supply, self._rounded)
+        self._linearise = InPlace(h.dynamics, given, (self._after, self._A, self._B))
+        self._z, self._share, self._residual = zeros(1), zeros(1), zeros(1)
+        self._x_ref, self._v_ref, self._p1, self._p2 = zeros(N + 1), zeros(N + 1), zeros(N), zeros(N)
+        self._effects = zeros((N, self.model.states - EFFECTS))
+        ahead = (self._z, self._x_ref, self._v_ref, self._p1, self._p2, self._effects, self._share, self._residual)
+        self._friction = InPlace(h.friction, (*ahead, self.model.theta.copy()), (self._force,))
+
+    def _prepare_bounds(self) -> None:
+        """Soft bounds on position and pressures, hard ones on the command; the supply's are set in every step."""
+        h, model = self.horizon, self.model
+        self._give = np.zeros(h.nx)
+        self._give[:4] = GIVE
+        self._lower, self._upper = np.full((h.N + 1, h.nx), -np.inf), np.full((h.N + 1, h.nx), np.inf)
+        self._lower[:, 0], self._upper[:, 0] = 0.0, model.value("stroke") / h.scale[0]
+        self._lower[:, -1], self._upper[:, -1] = model.lowest / h.scale[-1], model.highest / h.scale[-1]
+        self._lower[:, 2:4] = 0.9 * model.value("patm") / h.scale[2]
+
+    def _start(self, measurement: Measurement) -> None:
+        self._memory[:] = start_memory(self.model, measurement)
+        self._state[:] = self._memory[: self.model.states]
+        self._planned = self.neutral
+        self._plan_x[:] = self._stage_state()
         self._plan_u[:] = 0.0
 
-    def _stage_state(self, s: np.ndarray, u: float) -> np.ndarray:
-        return np.concatenate([s[:Z], s[EFFECTS:], [u]]) / self.horizon.scale
+    def _stage_state(self) -> np.ndarray:
+        """The estimate as a stage state, scaled."""
+        s = self._state
+        return np.concatenate([s[:Z], s[EFFECTS:], [self._planned]]) / self.horizon.scale
 
     def _command(self, measurement: Measurement, reference: Array) -> float:
-        h = self.horizon
-        self._observe_in[1][:] = measurement
-        self._observe_in[2][0] = self.applied
-        self._observe_run()
+        self._seen[:], self._acting[0], self._supply[0] = measurement, self.applied, measurement.psup
+        self._observe()
         self._memory[:] = self._observed
-        s = self._memory[: self.model.states]
-        # the command acts from row 1 on
-        ahead = reference[1 : h.N + 2]
+        self._state[:] = self._memory[: self.model.states]
         self._plan_x[:-1], self._plan_u[:-1] = self._plan_x[1:], self._plan_u[1:]
         self._plan_u[-1] = 0.0
-        now = self._stage_state(s, self.applied)
-        self._friction_ahead(s, ahead)
-        return self._plan(now, ahead, measurement.psup)
+        # the command acts from row 1 on
+        ahead = reference[1 : self.horizon.N + 2]
+        self._friction_ahead(ahead)
+        self._planned = self._plan(ahead)
+        self._meant[0] = self._planned
+        self._translate()
+        return float(self._command_out[0])
 
-    def _friction_ahead(self, s: np.ndarray, ahead: Array) -> None:
+    def _friction_ahead(self, ahead: Array) -> None:
         """Fill the known friction force of every stage."""
-        h, given, plan = self.horizon, self._friction_in, self._plan_x
-        given[0][0] = s[Z]
-        given[1][:], given[2][:] = ahead[:, POSITION], ahead[:, VELOCITY]
-        given[3][:], given[4][:] = plan[:-1, 2] * h.scale[2], plan[:-1, 3] * h.scale[3]
-        given[5][:] = plan[:-1, 4:-1] * h.scale[4:-1]
-        given[6][0], given[7][0] = self.gains.alpha, self._memory[self.model.states]
-        self._friction_run()
+        scale, plan = self.horizon.scale, self._plan_x[:-1]
+        self._z[0] = self._state[Z]
+        self._x_ref[:], self._v_ref[:] = ahead[:, POSITION], ahead[:, VELOCITY]
+        self._p1[:], self._p2[:] = plan[:, 2] * scale[2], plan[:, 3] * scale[3]
+        self._effects[:] = plan[:, 4:-1] * scale[4:-1]
+        self._residual[0] = self._memory[self.model.states]
+        self._share[0] = self.gains.alpha + self._memory[self.model.states + 1]
+        self._friction()
 
-    def _plan(self, now: np.ndarray, ahead: Array, psup: float) -> float:
-        """One real-time iteration; returns the first command, V."""
-        h, plan = self.horizon, self._plan_x
-        states, changes, _, supply, _ = self._stage_in
-        states[:], changes[:], supply[0] = plan[:-1], self._plan_u, psup
-        self._stage_run()
-        after, A, B = self._stage_out
+    def _plan(self, ahead: Array) -> float:
+        """One real-time iteration; returns the first command, V (not finite when the program has no solution)."""
+        h = self.horizon
+        self._start_x[:], self._start_u[:] = self._plan_x[:-1], self._plan_u
+        self._linearise()
         # CasADi writes column by column: each stage's matrix arrives transposed
-        A = np.ascontiguousarray(A.transpose(0, 2, 1))
+        A = np.ascontiguousarray(self._A.transpose(0, 2, 1))
         target = np.zeros((h.N + 1, h.nx))
         target[:, 0], target[:, 1] = ahead[:, POSITION] / h.scale[0], ahead[:, VELOCITY] / h.scale[1]
-        # in absolute variables: x+ = A x + B u + c
-        c = after - np.einsum("iab,ib->ia", A, states) - B * changes[:, None]
-        upper = np.tile(self._upper, (h.N + 1, 1))
-        lower = np.tile(self._lower, (h.N + 1, 1))
-        upper[:, 2:4] = 1.05 * psup / h.scale[2]
+        c = self._after - np.einsum("iab,ib->ia", A, self._start_x) - self._B * self._start_u[:, None]
+        self._upper[:, 2:4] = 1.05 * self._supply[0] / h.scale[2]
         found = qp.solve(
-            A, B, c, self._Q, -self._Q * target, self._R, lower, upper, self._give, now, 1e-7
-        )
+            A, self._B, c, self._Q, -self._Q * target, self._R, self._lower, self._upper, self._give,
+            self._stage_state(), TOLERANCE,
+        )  # fmt: skip
         self.iterations = found.iterations
         if not np.all(np.isfinite(found.u)):
-            return np.nan
+            return float("nan")
         self._plan_x[:], self._plan_u[:] = found.x, found.u
         return float(found.x[1, -1] * h.scale[-1])
+
+
+class MpcEso(Mpc):
+    """The same without a friction model: all friction is the observer's residual force (``alpha = 0``)."""
+
+    name = "nmpc_eso"
 
 
 def _observer(model: ControlModel, sample_time: float) -> ca.Function:
     """The observer of one sample, compiled."""
     memory, seen, applied = ca.SX.sym("memory", memory_size(model)), ca.SX.sym("seen", 4), ca.SX.sym("applied")
-    numbers, theta = ca.SX.sym("gains", 3), model.theta_symbol()
-    gains = ObserverGains(*(numbers[i] for i in range(3)))
+    numbers, theta = ca.SX.sym("gains", 4), model.theta_symbol()
+    gains = ObserverGains(*(numbers[i] for i in range(4)))
     after = observed(model, memory, seen, applied, gains, sample_time, theta)
     name = "controllers_observer"
     function = ca.Function(name, [memory, seen, applied, numbers, theta], [after], {"cse": True})
     return compile_functions([function], name)[0][0]
-
-
-def _bound(function: ca.Function, given: tuple[np.ndarray, ...], found: tuple[np.ndarray, ...]):
-    """A call of ``function`` that reads and writes these arrays in place (C order = CasADi's columns)."""
-    buffer, run = function.buffer()
-    for place, array in enumerate(given):
-        buffer.set_arg(place, memoryview(array.reshape(-1)))
-    for place, array in enumerate(found):
-        buffer.set_res(place, memoryview(array.reshape(-1)))
-
-    def call(keep: object = (buffer, given, found)) -> None:
-        run()
-
-    return call

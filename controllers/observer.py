@@ -12,7 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
+from controllers.base import Measurement
 from controllers.control_model import EFFECTS, P1, P2, ControlModel, KnownFriction, V, X, Z
 from controllers.eso import corrected, correction_gains
 from pneuid.step import substep, substeps_needed
@@ -24,16 +26,23 @@ FASTEST = 20.0
 @dataclass(frozen=True)
 class ObserverGains:
     """bandwidth : of the extended state observer, rad/s; pressure_trust : share of a pressure innovation that is
-    believed, 0..1; alpha : share of the model's friction that is believed, the residual force carries the rest."""
+    believed, 0..1; alpha : share of the model's friction that is believed from the start; learning : rate in 1/s at
+    which the residual force that looks like friction moves this share, by at most ``1 - alpha`` (0: never)."""
 
     bandwidth: Any
     pressure_trust: Any
     alpha: Any
+    learning: Any
 
 
 def memory_size(model: ControlModel) -> int:
-    """Length of the observer's memory: the plant's state and the residual force."""
-    return model.states + 1
+    """Length of the observer's memory: the plant's state, the residual force, the learned share of friction."""
+    return model.states + 2
+
+
+def start_memory(model: ControlModel, measurement: Measurement) -> np.ndarray:
+    """The memory at rest where the sensors say; no residual, nothing learned."""
+    return np.concatenate([model.rest(measurement.x, measurement.p1, measurement.p2), np.zeros(2)])
 
 
 def observed(
@@ -45,24 +54,44 @@ def observed(
     sample_time: float,
     theta: Any,
 ) -> Any:
-    """Memory (plant state, residual force [N]) at the next sample.
+    """Memory (plant state, residual force [N], learned share) at the next sample.
 
     memory : prediction for this sample; measurement : x, p1, p2, psup as in ``base.Measurement``; applied : the
     command acting now, V. The result is kept in the range a cylinder can reach, whatever the sensors show.
     """
-    s, residual = memory[: model.states], memory[model.states]
+    s, residual, share = memory[: model.states], memory[model.states], memory[model.states + 1]
     psup = measurement[3]
     size = correction_gains(gains.bandwidth, sample_time)
     x, v, residual = corrected(s[X], s[V], residual, measurement[0] - s[X], model.moving_mass(theta), size)
     p1 = s[P1] + gains.pressure_trust * (measurement[1] - s[P1])
     p2 = s[P2] + gains.pressure_trust * (measurement[2] - s[P2])
     s, residual = _limited(model, ca.vertcat(x, v, p1, p2, s[Z:]), residual, psup, theta)
-    plant = KnownFriction(model, gains.alpha, residual)
+    residual, share = _learned(model, s, residual, share, gains, sample_time, theta)
+    plant = KnownFriction(model, gains.alpha + share, residual)
     count = substeps_needed(model.plant, model.theta, sample_time)
     for _ in range(count):
         s = substep(plant, s, ca.vertcat(applied, psup), ca.DM.zeros(2), sample_time / count, theta)
     s, residual = _limited(model, s, residual, psup, theta)
-    return ca.vertcat(s, residual)
+    return ca.vertcat(s, residual, share)
+
+
+def _learned(
+    model: ControlModel, s: Any, residual: Any, share: Any, gains: ObserverGains, sample_time: float, theta: Any
+) -> tuple[Any, Any]:
+    """Residual and share of friction after one sample; what the share gains the residual loses.
+
+    A residual in proportion to the model's friction turns round with the motion and an integrating observer sees it
+    too late. It is learned in sliding only, where friction is near its steady value, and within what ``alpha`` held
+    back; nothing is learned for a model that is not believed at all (``alpha = 0``).
+    """
+    stages = model.plant.evaluate(s, [model.neutral, model.named(theta, "patm")], theta)
+    force, level = stages.friction, stages.coefficients.Fc
+    limit = ca.fmin(gains.alpha, 1.0 - gains.alpha)
+    fit = residual * force / (force**2 + level**2)
+    sliding = ca.fabs(force) > 0.8 * level
+    wanted = share + ca.if_else(sliding, ca.fmin(gains.learning * sample_time, 1.0) * fit, 0.0)
+    new = ca.fmin(ca.fmax(wanted, -limit), limit)
+    return residual - (new - share) * force, new
 
 
 def _limited(model: ControlModel, s: Any, residual: Any, psup: Any, theta: Any) -> tuple[Any, Any]:

@@ -51,7 +51,7 @@ def solve(
 
 
 @njit(cache=True)
-def _roll_out(A, B, c, u, x):
+def _roll_out(A: Array, B: Array, c: Array, u: Array, x: Array) -> None:
     """States under commands ``u`` from ``x[0]``, in place."""
     N, nx = B.shape
     for i in range(N):
@@ -63,7 +63,7 @@ def _roll_out(A, B, c, u, x):
 
 
 @njit(cache=True)
-def _factorise(A, B, Q, R, gain, pivot):
+def _factorise(A: Array, B: Array, Q: Array, R: float, gain: Array, pivot: Array) -> None:
     """Riccati recursion for the weights ``Q``: ``gain`` (N, nx) with ``u = -gain x``, ``pivot`` (N,)."""
     N, nx = B.shape
     P = np.zeros((nx, nx))
@@ -96,7 +96,7 @@ def _factorise(A, B, Q, R, gain, pivot):
 
 
 @njit(cache=True)
-def _direction(A, B, gain, pivot, gx, gu, dx, du):
+def _direction(A: Array, B: Array, gain: Array, pivot: Array, gx: Array, gu: Array, dx: Array, du: Array) -> None:
     """Newton direction for the gradients ``gx`` (N+1, nx), ``gu`` (N,), written into ``dx`` and ``du``."""
     N, nx = B.shape
     p = gx[N].copy()
@@ -121,7 +121,7 @@ def _direction(A, B, gain, pivot, gx, gu, dx, du):
 
 
 @njit(cache=True)
-def _list_bounds(lower, upper):
+def _list_bounds(lower: Array, upper: Array) -> NDArray[np.int64]:
     """Every finite bound as a row ``(stage, state, sign)``: sign +1 for an upper, -1 for a lower one."""
     rows = np.empty((2 * lower.size, 3), dtype=np.int64)
     count = 0
@@ -137,7 +137,7 @@ def _list_bounds(lower, upper):
 
 
 @njit(cache=True)
-def _beyond(rows, lower, upper, x, out):
+def _beyond(rows: NDArray[np.int64], lower: Array, upper: Array, x: Array, out: Array) -> None:
     """By how much each bound is exceeded (negative: room left)."""
     for k in range(rows.shape[0]):
         i, j, sign = rows[k]
@@ -145,7 +145,9 @@ def _beyond(rows, lower, upper, x, out):
 
 
 @njit(cache=True)
-def _bound_terms(rows, give, t, mult, violation, target, Qb, gx):
+def _bound_terms(
+    rows: NDArray[np.int64], give: Array, t: Array, mult: Array, violation: Array, target: Array, Qb: Array, gx: Array
+) -> None:
     """Add what the bounds contribute to weights and gradient; ``target`` is the wanted ``t * mult`` of each."""
     for k in range(rows.shape[0]):
         i, j, sign = rows[k]
@@ -155,7 +157,10 @@ def _bound_terms(rows, give, t, mult, violation, target, Qb, gx):
 
 
 @njit(cache=True)
-def _slack_steps(rows, give, dx, t, mult, violation, target, dt, dmult):
+def _slack_steps(
+    rows: NDArray[np.int64], give: Array, dx: Array, t: Array, mult: Array, violation: Array, target: Array,
+    dt: Array, dmult: Array,
+) -> None:  # fmt: skip
     """Steps of slacks and multipliers that belong to the step ``dx`` of the states."""
     for k in range(rows.shape[0]):
         i, j, sign = rows[k]
@@ -165,7 +170,7 @@ def _slack_steps(rows, give, dx, t, mult, violation, target, dt, dmult):
 
 
 @njit(cache=True)
-def _longest(t, mult, dt, dmult):
+def _longest(t: Array, mult: Array, dt: Array, dmult: Array) -> float:
     """Longest step that keeps slacks and multipliers positive, at most 1/0.995."""
     step = 1.0 / _TO_BOUNDARY
     for k in range(t.shape[0]):
@@ -177,30 +182,17 @@ def _longest(t, mult, dt, dmult):
 
 
 @njit(cache=True)
-def _solve(A, B, c, Q, q, R, lower, upper, give, x0, tolerance):
-    N, nx = B.shape
-    x, u = np.zeros((N + 1, nx)), np.zeros(N)
-    dx, du = np.zeros((N + 1, nx)), np.zeros(N)
-    gain, pivot = np.empty((N, nx)), np.empty(N)
-    gx = np.empty((N + 1, nx))
-    x[0] = x0
-    _roll_out(A, B, c, u, x)
-    _factorise(A, B, Q, R, gain, pivot)
-    _direction(A, B, gain, pivot, Q * x + q, R * u, dx, du)
-    rows = _list_bounds(lower, upper)
-    m = rows.shape[0]
-    beyond = np.empty(m)
-    _beyond(rows, lower, upper, x + dx, beyond)
-    if m == 0 or np.max(beyond) <= 0.0:
-        return x + dx, u + du, 0, True
-    # the free minimum is a good start, it satisfies the dynamics
-    x, u = x + dx, u + du
-    t, mult = np.empty(m), np.empty(m)
-    for k in range(m):
-        t[k] = max(-beyond[k], _SMALLEST_SLACK)
-        mult[k] = _FIRST_BARRIER / t[k]
-    violation, target = np.empty(m), np.zeros(m)
-    dt, dmult = np.empty(m), np.empty(m)
+def _interior_point(
+    A: Array, B: Array, Q: Array, q: Array, R: float, lower: Array, upper: Array, give: Array, rows: NDArray[np.int64], x: Array,
+    u: Array, tolerance: float,
+) -> tuple[int, bool]:  # fmt: skip
+    """Improve ``x`` and ``u`` in place from a point that satisfies the dynamics; iterations and success."""
+    N, nx, m = B.shape[0], B.shape[1], rows.shape[0]
+    gain, pivot, dx, du = np.empty((N, nx)), np.empty(N), np.zeros((N + 1, nx)), np.zeros(N)
+    violation, target, dt, dmult = np.empty(m), np.zeros(m), np.empty(m), np.empty(m)
+    _beyond(rows, lower, upper, x, violation)
+    t = np.maximum(-violation, _SMALLEST_SLACK)
+    mult = _FIRST_BARRIER / t
     for iteration in range(1, LARGEST_ITERATIONS + 1):
         _beyond(rows, lower, upper, x, violation)
         for k in range(m):
@@ -229,6 +221,30 @@ def _solve(A, B, c, Q, q, R, lower, upper, give, x0, tolerance):
         t += step * dt
         mult += step * dmult
         worst = (1.0 - step) * np.max(np.abs(violation))
-        if (t @ mult) / m < tolerance and worst < tolerance and np.max(np.abs(du)) < tolerance ** 0.5 and step > 0.9:
-            return x, u, iteration, True
-    return x, u, LARGEST_ITERATIONS, False
+        settled = step > 0.9 and np.max(np.abs(du)) < np.sqrt(tolerance)
+        if settled and (t @ mult) / m < tolerance and worst < tolerance:
+            return iteration, True
+    return LARGEST_ITERATIONS, False
+
+
+@njit(cache=True)
+def _solve(
+    A: Array, B: Array, c: Array, Q: Array, q: Array, R: float, lower: Array, upper: Array, give: Array, x0: Array,
+    tolerance: float,
+) -> tuple[Array, Array, int, bool]:  # fmt: skip
+    """The minimum without bounds if it respects them, else the interior-point method from there."""
+    N, nx = B.shape
+    x, u, dx, du = np.zeros((N + 1, nx)), np.zeros(N), np.zeros((N + 1, nx)), np.zeros(N)
+    gain, pivot = np.empty((N, nx)), np.empty(N)
+    x[0] = x0
+    _roll_out(A, B, c, u, x)
+    _factorise(A, B, Q, R, gain, pivot)
+    _direction(A, B, gain, pivot, Q * x + q, R * u, dx, du)
+    x, u = x + dx, u + du
+    rows = _list_bounds(lower, upper)
+    beyond = np.zeros(rows.shape[0] + 1)
+    _beyond(rows, lower, upper, x, beyond)
+    if np.max(beyond) <= 0.0:
+        return x, u, 0, True
+    iterations, solved = _interior_point(A, B, Q, q, R, lower, upper, give, rows, x, u, tolerance)
+    return x, u, iterations, solved

@@ -8,10 +8,7 @@ Source: Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 40 (1995) 419, sect
 
 from __future__ import annotations
 
-from typing import Any
-
-from controllers.cascade import Cascade, CascadeGains
-from controllers.control_model import Instant
+from controllers.cascade import Cascade, Compensation, FrictionEstimate
 
 
 class Servo(Cascade):
@@ -19,6 +16,6 @@ class Servo(Cascade):
 
     name = "servo"
 
-    def compensation(self, now: Instant, residual: Any, gains: CascadeGains) -> Any:
-        """Share ``alpha`` of the bristle's force plus the residual."""
-        return gains.alpha * now.friction + residual
+    def compensation(self, friction: FrictionEstimate) -> Compensation:
+        """The believed share of the model's friction plus the residual."""
+        return Compensation(friction.believed + friction.residual, friction.believed_rate)

@@ -11,7 +11,7 @@ import numpy as np
 from pneuid.errors import UserError
 from pneuid.estimation.first_guess import first_guess, first_nodes, motions
 from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
-from pneuid.estimation.shooting import NODE_EVERY, Shooting
+from pneuid.estimation.shooting import LOOSE, NODE_EVERY, TIGHT, Shooting
 from pneuid.estimation.solver import Monitor, Outcome, solve_exact, solve_relaxed
 from pneuid.estimation.uncertainty import Uncertainty, uncertainty, verdicts
 from pneuid.physics.smoothing import COARSE, FINE
@@ -21,6 +21,9 @@ from pneuid.step import LARGEST_SUBSTEPS, substeps_needed
 
 NODE_SECONDS = 0.02
 """Length of an interval between nodes, s, where the sample rate allows."""
+
+TIGHTEN_BELOW = 0.15
+"""Mean square of the loose defects, in their own spread, below which the tight relaxed problem is worth solving."""
 
 DEFECT_GATE = 0.6
 """Mean square of the relaxed defects, in their own spread, above which the exact stage is not tried: the model is too
@@ -118,17 +121,16 @@ def fit(
     substeps = _substeps(plant, guess, ranges, dt)
     problem = problem_at(guess, substeps)
     X0 = problem.join(_inside(problem, guess), nodes)
-    soft = solve_relaxed(problem, X0, monitor)
+    soft, level = _relaxed_stage(problem, X0, monitor)
     values = dict(zip(free, problem.scaling.to_values(soft.X[: problem.nq]), strict=True))
     again = _substeps(plant, values, ranges, dt)
     if again > substeps:
         substeps = again
         problem = problem_at(values, substeps)
-        soft = solve_relaxed(problem, problem.join(_inside(problem, values), problem.split(soft.X)[1]), monitor)
+        soft, level = _relaxed_stage(problem, problem.join(_inside(problem, values), problem.split(soft.X)[1]), monitor)
         values = dict(zip(free, problem.scaling.to_values(soft.X[: problem.nq]), strict=True))
-    links = max(problem.linked.size * problem.ns, 1)
-    level = 2 * soft.penalty / links
-    hard = _exact_stage(problem, soft, monitor) if exact and level < DEFECT_GATE else None
+    tight = problem.relaxation == TIGHT
+    hard = _exact_stage(problem, soft, monitor) if exact and tight and level < DEFECT_GATE else None
     spread, words = None, {}
     if hard is not None:
         problem.set_smoothing(FINE)
@@ -140,7 +142,7 @@ def fit(
     return Fit(
         plant=plant, runs=runs, values={name: float(value) for name, value in values.items()}, ranges=ranges, noise=levels,
         substeps=substeps, stage="exact" if hard else "relaxed", converged=final.success,
-        status=_words(soft, hard, level), cost_per_sample=2 * final.cost / max(problem.weighted, 1), defect_level=level,
+        status=_words(soft, hard, level, problem.relaxation), cost_per_sample=2 * final.cost / max(problem.weighted, 1), defect_level=level,
         iterations=soft.iterations + (hard.iterations if hard else 0), seconds=time.monotonic() - began, relaxed=soft,
         problem=problem, exact=hard, spread=spread, verdicts=words, notes=sum((run.notes for run in runs), ()),
     )  # fmt: skip
@@ -149,6 +151,19 @@ def fit(
 def _inside(problem: Shooting, values: Mapping[str, float]) -> np.ndarray:
     q = problem.scaling.to_q(np.array([values[name] for name in problem.free]))
     return np.clip(q, problem.scaling.lower, problem.scaling.upper)
+
+
+def _relaxed_stage(problem: Shooting, X0: np.ndarray, monitor: Monitor | None) -> tuple[Outcome, float]:
+    """Loose defects first; tight ones where the model is near enough. Also the mean square of the defects."""
+    links = max(problem.linked.size * problem.ns, 1)
+    problem.relaxation = LOOSE
+    soft = solve_relaxed(problem, X0, monitor)
+    level = 2 * soft.penalty / links
+    if level < TIGHTEN_BELOW:
+        problem.relaxation = TIGHT
+        soft = solve_relaxed(problem, soft.X, monitor)
+        level = 2 * soft.penalty / links
+    return soft, level
 
 
 def _exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Outcome | None:
@@ -160,12 +175,13 @@ def _exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> O
     return hard if hard.success and sane else None
 
 
-def _words(soft: Outcome, hard: Outcome | None, level: float) -> str:
+def _words(soft: Outcome, hard: Outcome | None, level: float, relaxation: float) -> str:
     if hard is not None:
         return f"exact: continuity holds everywhere ({hard.status})"
-    if level >= DEFECT_GATE:
+    jump = np.sqrt(level) * relaxation / TIGHT
+    if jump**2 >= DEFECT_GATE:
         return (
-            f"relaxed: the model leaves jumps of {np.sqrt(level):.1f} times their allowance between intervals, "
+            f"relaxed: the model leaves jumps of {jump:.1f} times their allowance between intervals, "
             "so something is missing from it; no standard errors"
         )
     return f"relaxed: exact continuity was not reached ({soft.status}); no standard errors"

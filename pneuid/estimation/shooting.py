@@ -27,6 +27,12 @@ NODE_EVERY = 20
 BRISTLE_SPREAD = 1.0e-4
 """1-sigma of the bristle deflection at the start of a run, m: wide, only there where data say nothing."""
 
+LOOSE = 1.0
+"""Spread of the defects, in units of the state scale, with which a wrong model can still be fitted."""
+
+TIGHT = 0.1
+"""Spread of the defects of a model that lacks little: a tenth of 0.1 mm, 1 cm/s, 1 kPa and 10 um per interval."""
+
 THREADS = 2
 
 
@@ -110,6 +116,8 @@ class Shooting:
         """Intervals whose end must meet the next node."""
         self._index = [plant.theta_names.index(name) for name in self.free]
         self.smoothing = FINE
+        self.relaxation = TIGHT
+        """Spread allowed to the defects of the relaxed problem, in units of the state scale."""
         self._map_values = self.function.values.map(self.nint, "thread", THREADS)
         self._map_derivatives = self.function.derivatives.map(self.nint, "thread", THREADS)
 

@@ -18,18 +18,18 @@ import scipy.sparse as sp
 
 from pneuid.estimation.shooting import Evaluation, Shooting
 
-RELAXATION = 0.1
-"""Spread of the defects in the relaxed problem, in units of the state scale."""
-
 Monitor = Callable[[str, int, float], None]
 """Called with stage, iteration and cost per sample."""
 
 
-SETTLED_OVER = 8
+SETTLED_OVER = 6
 """Iterations of the relaxed stage without a relative gain of ``SETTLED_GAIN`` after which it has settled: Gauss-Newton
 steps across the kinks of stick-slip go on zigzagging at that level for a hundred more."""
 
-SETTLED_GAIN = 2e-5
+SETTLED_GAIN = 1e-4
+
+DAMPING_START = 0.1
+"""Levenberg-Marquardt damping, relative to the Hessian's diagonal, after the first shortened step."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,7 @@ class _Assembly:
         col_parts.append(index)
         self.hess_slots, self.hess_sparsity = _slots(row_parts, col_parts, problem.size, problem.size)
         self.following = following
+        self.hess_diagonal = np.asarray(self.hess_sparsity.colind()[1:]) - 1
         # Jacobian: continuity rows (exact stage only), then the parameter inequalities (dense in q)
         self.ncon = problem.constraints(problem.scaling.to_q(self._starts()))[0].size
         self.ndef = 0 if relaxed else self.linked.size * ns
@@ -95,7 +96,7 @@ class _Assembly:
         gradient = np.zeros(problem.size)
         pieces: list[np.ndarray] = []
         if self.relaxed:
-            weight = 1.0 / RELAXATION
+            weight = 1.0 / problem.relaxation
             defect = problem.defects(at.end, X) * weight
             S = at.sensitivity[self.linked] * weight
             blocks = blocks.copy()
@@ -160,6 +161,7 @@ class _Evaluator:
         self.best: tuple[float, np.ndarray] | None = None
         self.history: list[float] = []
         self.stopped = ""
+        self.damping, self._trials, self._last = 0.0, 0, np.inf
         self._value_key, self._value = b"", (0.0, np.zeros(0))
         self._key, self._at = b"", (np.zeros(0), np.zeros(0), np.zeros(0))
         self.failure: BaseException | None = None
@@ -168,12 +170,13 @@ class _Evaluator:
         """Scaled objective and constraints."""
         key = X.tobytes()
         if key != self._value_key:
+            self._trials += 1
             end, cost = self.problem.evaluate_values(X)
             defects = self.problem.defects(end, X).ravel()
             cost += 0.5 * float(np.sum(self.problem.prior_residual(X) ** 2))
             inequalities, _ = self.problem.constraints(X[: self.problem.nq])
             if self.relaxed:
-                cost += 0.5 * float(np.sum((defects / RELAXATION) ** 2))
+                cost += 0.5 * float(np.sum((defects / self.problem.relaxation) ** 2))
                 g = inequalities
             else:
                 g = np.concatenate([defects, inequalities])
@@ -188,8 +191,23 @@ class _Evaluator:
         if key != self._key:
             at = self.problem.evaluate(X)
             gradient, hessian = self.assembly.gradient_and_hessian(at, X, self.scale)
+            if self.relaxed:
+                self._damp(hessian)
             self._key, self._at = key, (gradient, self.assembly.jacobian(at, X), hessian)
         return self._at
+
+    def _damp(self, hessian: np.ndarray) -> None:
+        """Levenberg-Marquardt term in place: IPOPT adds none to a Hessian that is positive definite already.
+
+        Raised when the last step was shortened or led uphill, lowered when a full step led downhill.
+        """
+        cost = self._value[0]
+        if self._trials > 1 or cost > self._last:
+            self.damping = max(3.0 * self.damping, DAMPING_START)
+        else:
+            self.damping = 0.4 * self.damping if self.damping > 1e-3 else 0.0
+        self._trials, self._last = 0, cost
+        hessian[self.assembly.hess_diagonal] *= 1.0 + self.damping
 
     def after_iteration(self, cost: float) -> bool:
         """Report to the monitor; True when IPOPT should stop (settled, out of time, interrupted)."""
@@ -205,8 +223,9 @@ class _Evaluator:
         elif time.monotonic() > self.deadline:
             self.stopped = "Time_Limit_Exceeded"
         elif self.relaxed and len(self.history) > SETTLED_OVER:
-            gain = self.history[-1 - SETTLED_OVER] - self.history[-1]
-            if gain < SETTLED_GAIN * abs(self.history[-1]):
+            best = self.history[-1]
+            gain = self.history[-1 - SETTLED_OVER] - best
+            if gain < SETTLED_GAIN * abs(best) and cost < (1 + 10 * SETTLED_GAIN) * best:
                 self.stopped = "Settled"
         return bool(self.stopped)
 
@@ -307,7 +326,7 @@ def _solve(problem: Shooting, X0: np.ndarray, relaxed: bool, options: dict, moni
         X = evaluator.best[1]
         value = evaluator.value(X)[0]
     end, data_cost = problem.evaluate_values(X)
-    penalty = 0.5 * float(np.sum((problem.defects(end, X) / RELAXATION) ** 2))
+    penalty = 0.5 * float(np.sum((problem.defects(end, X) / problem.relaxation) ** 2))
     return Outcome(
         X=X, cost=data_cost, penalty=penalty, status=status, success=bool(stats["success"]) or status == "Settled",
         iterations=evaluator.iterations, seconds=time.monotonic() - began,
@@ -315,10 +334,10 @@ def _solve(problem: Shooting, X0: np.ndarray, relaxed: bool, options: dict, moni
 
 
 def solve_relaxed(
-    problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None, seconds: float = 120.0, strategy: str = "adaptive"
+    problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None, seconds: float = 120.0, strategy: str = "monotone"
 ) -> Outcome:
     """Minimise cost plus penalised defects from ``X0``; never worse than the best point visited."""
-    options = {"tol": 1e-4, "mu_strategy": strategy, "max_iter": 150}
+    options = {"tol": 1e-4, "mu_strategy": strategy, "mu_init": 1e-5, "max_iter": 60}
     return _solve(problem, X0, True, options, monitor, seconds)
 
 

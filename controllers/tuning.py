@@ -1,0 +1,217 @@
+"""Gains from the model and one bandwidth, and their refinement on the model's own simulation.
+
+The formulas place the poles of the linearised loop. The default bandwidth is the smallest of what the sample time
+allows (one sample of computation, half a sample of hold) and what the valve can deliver. Refinement searches a few
+gains by Nelder and Mead on the identified model with a little extra delay, so that what wins also has margin. The
+rig's hidden parameters are never looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import casadi as ca
+import numpy as np
+from scipy.optimize import minimize
+
+from controllers import loop
+from controllers.base import Controller
+from controllers.cascade import CascadeGains
+from controllers.control_model import ControlModel
+from controllers.model_plant import ModelPlant
+from controllers.mpc import MpcGains
+from controllers.pid import PidGains
+from controllers.references import Reference, Smooth, Steps
+from pneuid.errors import ComputationError
+
+
+@dataclass(frozen=True)
+class Design:
+    """What the designer chooses.
+
+    supply : pressure the gains are made for, Pa absolute; alpha : share of the friction model that is believed;
+    hold : m, see ``CascadeGains`` (the predictive controller needs none); learning : 1/s, see ``ObserverGains``;
+    bandwidth : rad/s, None for what ``default_bandwidth`` finds.
+    """
+
+    supply: float
+    alpha: float = 0.8
+    hold: float = 1e-5
+    learning: float = 10.0
+    bandwidth: float | None = None
+
+
+@dataclass(frozen=True)
+class Authority:
+    """The plant linearised at rest at mid-stroke.
+
+    gain : pressure-force rate per command, N/(s V); fastest : largest pressure-force rate, N/s; stiffness : of the two
+    air springs, N/m.
+    """
+
+    gain: float
+    fastest: float
+    stiffness: float
+
+
+REACH = 0.3
+"""Share of full scale over which the valve's gain is taken, wide enough to look past a dead zone."""
+
+TYPICAL_ERROR = 1e-3
+"""Position error, m, that should not saturate the valve."""
+
+SAMPLES_PER_RADIAN = 12.0
+"""Samples per radian of the cascade's bandwidth: leaves its force loop, 3 times faster, half a radian of delay."""
+
+
+def authority(model: ControlModel, supply: float) -> Authority:
+    """Linearise the model at rest at mid-stroke under ``supply`` [Pa, absolute]."""
+    s, u, theta = ca.SX.sym("s", model.states), ca.SX.sym("u"), model.theta_symbol()
+    psup = ca.SX.sym("psup")
+    rate = ca.Function("rate", [s, u, psup, theta], [model.instant(s, u, psup, theta).force_rate])
+    patm, full = model.value("patm"), model.value("full_scale")
+    level = patm + 0.6 * (supply - patm)
+    rest = model.rest(0.5 * model.value("stroke"), level, level)
+
+    def at(share: float, speed: float = 0.0) -> float:
+        moving = rest.copy()
+        moving[1] = speed
+        return float(rate(moving, model.neutral + share * full, supply, model.theta))
+
+    return Authority(
+        gain=(at(REACH) - at(-REACH)) / (2.0 * REACH * full),
+        fastest=min(at(1.0), -at(-1.0)),
+        stiffness=at(0.0, -0.5) - at(0.0, 0.5),
+    )
+
+
+def default_bandwidth(model: ControlModel, supply: float, sample_time: float) -> float:
+    """Bandwidth of the cascade in rad/s: sample time and valve both set a limit."""
+    jerk = authority(model, supply).fastest / model.mass
+    return float(min(1.0 / (SAMPLES_PER_RADIAN * sample_time), 0.6 * (jerk / TYPICAL_ERROR) ** (1.0 / 3.0)))
+
+
+def mpc_bandwidth(model: ControlModel, supply: float, sample_time: float) -> float:
+    """Bandwidth of the predictive controller in rad/s: it plans through its own delay, so it may be faster."""
+    return 1.75 * default_bandwidth(model, supply, 0.5 * sample_time)
+
+
+def pid_gains(model: ControlModel, design: Design) -> PidGains:
+    """PID: velocity gain a third of the air springs' natural frequency, the feed-forward exact at rest."""
+    found = authority(model, design.supply)
+    natural = np.sqrt(found.stiffness / model.mass)
+    per_speed = found.stiffness / found.gain
+    gain = per_speed * (design.bandwidth or 0.33 * natural)
+    return PidGains(gain, 0.5 * gain, 0.02 * gain, per_speed, 5e-3, design.hold)
+
+
+def cascade_gains(model: ControlModel, design: Design, sample_time: float) -> CascadeGains:
+    """Position loop with two poles at the bandwidth ``w``, force loop at ``2.5 w``, observer at ``4 w``.
+
+    The integral term is for the cascade without compensation; set it to zero where a residual force is estimated.
+    """
+    w = design.bandwidth or default_bandwidth(model, design.supply, sample_time)
+    return CascadeGains(
+        position=w**2, damping=2.0 * w, integral=0.25 * w**3, force=2.5 * w, hold=design.hold, lead=2.0 * sample_time,
+        bandwidth=4.0 * w, pressure_trust=0.5, alpha=design.alpha, learning=design.learning,
+    )  # fmt: skip
+
+
+def mpc_gains(model: ControlModel, design: Design, sample_time: float) -> MpcGains:
+    """Weights for the bandwidth ``w`` of the optimal regulator of the chain command rate - force rate - jerk.
+
+    Cheap control of a four-fold integrator with gain ``b`` puts its poles at radius ``w`` when ``change rate weight /
+    error weight = (b / w^4)^2`` (Butterworth pattern of the symmetric root locus).
+    """
+    w = design.bandwidth or mpc_bandwidth(model, design.supply, sample_time)
+    gain = authority(model, design.supply).gain
+    return MpcGains(
+        velocity=1.5 / w, change=gain / (model.mass * sample_time * w**4), terminal=10.0,
+        bandwidth=min(300.0, 0.6 / sample_time), pressure_trust=1.0, alpha=design.alpha, learning=design.learning,
+    )  # fmt: skip
+
+
+def tuning_tracks(model: ControlModel) -> tuple[Reference, ...]:
+    """Short tracks that gains are refined on: a random one and steps, in the middle of the stroke."""
+    stroke = model.value("stroke")
+    return (
+        Smooth("random", 0.5 * stroke, 1.2, 0.08 * stroke, 1.5, 0.3, seed=7),
+        Steps("steps", 0.45 * stroke, 1.6, (0.1 * stroke, 0.102 * stroke), 0.8, 0.3),
+    )
+
+
+MARGIN_DELAY = 2e-3
+"""Extra delay between command and valve during refinement, s: about a fast valve's lag."""
+
+TRAVEL_PRICE = 1e-6
+"""Position error in m that is as bad as one full scale of valve movement per second."""
+
+
+class Trial:
+    """Closed loops on the model with a margin delay: the cost that refinement lowers."""
+
+    def __init__(self, model: ControlModel, supply: float) -> None:
+        self._plant, self._tracks = ModelPlant(model, MARGIN_DELAY), tuning_tracks(model)
+        self._supply, self._full = supply, model.value("full_scale")
+
+    def cost(self, controller: Controller) -> float:
+        """Mean RMS error [m] over the tracks plus the price of valve movement; 1 m for a loop that diverges."""
+        total = 0.0
+        for track in self._tracks:
+            try:
+                found = loop.figures(loop.run(controller, self._plant, track, self._supply, seed=0))
+            except ComputationError:
+                return 1.0
+            total += found.rms + TRAVEL_PRICE * found.travel / self._full
+        return total / len(self._tracks)
+
+
+class Tunable(Protocol):
+    """A controller whose gains can be exchanged."""
+
+    gains: Any
+
+    def retune(self, gains: Any) -> None:
+        """Exchange them."""
+
+
+def refine_gains(controller: Tunable, names: Sequence[str], trial: Trial, evaluations: int) -> None:
+    """Search the gains ``names`` of ``controller`` by Nelder and Mead on a logarithmic scale, the rest kept.
+
+    Deterministic; leaves the best gains met, never worse than what it was given.
+    """
+    first = controller.gains
+    start = np.array([float(getattr(first, name)) for name in names])
+    met: list[tuple[float, int, Any]] = []
+
+    def cost(logarithms: np.ndarray) -> float:
+        scaled = start * np.exp(np.clip(logarithms, -2.5, 2.5))
+        controller.retune(replace(first, **dict(zip(names, scaled.tolist(), strict=True))))
+        met.append((trial.cost(controller), len(met), controller.gains))
+        return met[-1][0]
+
+    simplex = np.vstack([np.zeros(start.size), 0.4 * np.eye(start.size)])
+    options = {"maxfev": evaluations, "initial_simplex": simplex, "xatol": 0.02, "fatol": 1e-7}
+    minimize(cost, np.zeros(start.size), method="Nelder-Mead", options=options)
+    controller.retune(min(met)[2])
+
+
+BANDWIDTH_FACTORS = (0.7, 0.85, 1.0, 1.2, 1.45, 1.75)
+
+
+def refine_bandwidth(controller: Tunable, gains_at: Callable[[float], Any], trial: Trial) -> float:
+    """The factor on the bandwidth with the lowest cost; all gains keep the pole pattern of the formulas.
+
+    gains_at : gains for a factor. Searching gains one by one would trade the damping that the formulas guarantee
+    for the damping that friction happens to give.
+    """
+
+    def cost(factor: float) -> float:
+        controller.retune(gains_at(factor))
+        return trial.cost(controller)
+
+    best = min(BANDWIDTH_FACTORS, key=cost)
+    controller.retune(gains_at(best))
+    return best

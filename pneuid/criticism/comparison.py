@@ -1,0 +1,129 @@
+"""A model held against measurements: errors per signal, where they are, which balance leaves a defect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pneuid.criticism.prediction import Frozen, Prediction, noise_floor, predict, predict_free, rmse
+from pneuid.criticism.regions import Region, find_regions
+from pneuid.estimation.fit import Fit
+from pneuid.estimation.preparation import Run, prepare
+from pneuid.model import Model
+from pneuid.recording import Recording
+
+
+@dataclass(frozen=True)
+class SignalError:
+    """Errors of one signal over some runs, SI: contract's ``rmse``, free-run, fit in percent, floor and its spread."""
+
+    unit: str
+    rmse: float
+    free_run_rmse: float
+    fit_percent: float
+    noise_floor: float
+    floor_spread: float
+
+    @property
+    def excess(self) -> float:
+        """``rmse^2 - noise_floor^2``."""
+        return self.rmse**2 - self.noise_floor**2
+
+
+@dataclass(frozen=True)
+class EquationDefect:
+    """What one balance leaves unexplained between intervals: rms and what noise alone would leave, in ``unit``."""
+
+    equation: str
+    unit: str
+    rms: float
+    expected_rms: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Result of comparing a model with runs (roles ``train`` and ``hold_out``)."""
+
+    model: Model
+    train: dict[str, SignalError]
+    hold_out: dict[str, SignalError]
+    where: tuple[Region, ...]
+    defects: tuple[EquationDefect, ...]
+    predictions: tuple[Prediction, ...]
+    free: tuple[Prediction, ...]
+    roles: tuple[str, ...]
+    """Role of each prediction, ``train`` or ``hold_out``."""
+
+    def weighted_error(self, role: str = "hold_out") -> float:
+        """Mean over signals of ``(rmse / noise_floor)^2``: 1 when only noise is left."""
+        found = self.hold_out if role == "hold_out" and self.hold_out else self.train
+        return float(np.mean([(item.rmse / item.noise_floor) ** 2 for item in found.values()]))
+
+
+def frozen(model: Model) -> Frozen:
+    """What prediction needs of a model."""
+    return Frozen(model.plant, model.values, model.ranges, model.noise, model.substeps)
+
+
+def signal_errors(model: Frozen, runs: Sequence[Run]) -> tuple[dict[str, SignalError], list[Prediction], list[Prediction]]:
+    """Errors per output signal over ``runs``, with the predictions behind them (ahead, free)."""
+    from pneuid.signals import SIGNALS
+
+    ahead = predict(model, runs)
+    free = predict_free(model, runs) if model.plant.servo else ahead
+    floor = noise_floor(model, runs)
+    near, far = rmse(ahead, model.plant.outputs), rmse(free, model.plant.outputs)
+    found = {}
+    for i, name in enumerate(model.plant.outputs):
+        spread = float(np.std(np.concatenate([item.measured[i][item.used[i]] for item in ahead])))
+        percent = 100.0 * (1.0 - near[name] / spread) if spread > 0 and np.isfinite(near[name]) else 0.0
+        found[name] = SignalError(
+            SIGNALS[name].unit, near[name], far[name], percent, floor.value[name], floor.spread[name]
+        )
+    return found, ahead, free
+
+
+def compare(
+    model: Model,
+    train: Sequence[Recording],
+    hold_out: Sequence[Recording] = (),
+    fit: Fit | None = None,
+) -> Comparison:
+    """Compare ``model`` with recordings; ``fit`` adds the defects of its relaxed solution per equation."""
+    still = frozen(model)
+    runs = [prepare(run, still.plant, model.noise) for run in train]
+    held = [prepare(run, still.plant, model.noise) for run in hold_out]
+    on_train, ahead, free = signal_errors(still, runs) if runs else ({}, [], [])
+    on_hold, ahead_held, free_held = signal_errors(still, held) if held else ({}, [], [])
+    every = [*ahead, *ahead_held]
+    return Comparison(
+        model=model, train=on_train, hold_out=on_hold, where=tuple(find_regions(every, still.plant)),
+        defects=tuple(equation_defects(fit)) if fit is not None else (), predictions=tuple(every),
+        free=(*free, *free_held), roles=("train",) * len(ahead) + ("hold_out",) * len(ahead_held),
+    )  # fmt: skip
+
+
+def equation_defects(fit: Fit) -> list[EquationDefect]:
+    """Node defects of the relaxed fit as unexplained force (N) and pressure (kPa per interval), per balance."""
+    problem = fit.problem
+    if not fit.plant.servo:
+        return []
+    end, _ = problem.evaluate_values(fit.relaxed.X)
+    jump = problem.defects(end, fit.relaxed.X) * problem.state_scale
+    length = float(np.median(problem.data[0])) * problem.samples
+    rms = np.sqrt(np.mean(jump**2, axis=0))
+    # a right model leaves jumps of about a third of the tight allowance, from the sensors' noise alone
+    expected = 0.37 * 0.1 * problem.state_scale
+    names = problem.plant.states
+    mass = fit.plant.theta(fit.values, fit.ranges)[fit.plant.theta_names.index("mass_run")]
+    found = []
+    for equation, state, unit, factor in (
+        ("force", "v", "N", mass / length),
+        ("pressure_1", "p1", "kPa", 1e-3),
+        ("pressure_2", "p2", "kPa", 1e-3),
+    ):
+        i = names.index(state)
+        found.append(EquationDefect(equation, unit, float(rms[i] * factor), float(expected[i] * factor)))
+    return found

@@ -1,0 +1,298 @@
+"""Where the error is: its energy split over regions a person can name.
+
+A rule is one to three conditions on signals, such as ``v < 0 and p2 > 400 kPa gauge``. Of all rules on rounded
+thresholds the one is taken whose share ``e`` of the squared error stands out most from its share ``s`` of the samples,
+by the divergence ``e log(e/s) + (1-e) log((1-e)/(1-s))``: it is largest at the true region, neither inside nor around
+it. A further condition must earn its place, and what one or two stretches of 200 ms carry alone is not reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pneuid.criticism.prediction import Prediction
+from pneuid.plant import Plant
+from pneuid.signals import PRESSURES, SIGNALS
+from pneuid.units import to_display
+
+LEAST_LIFT = 1.8
+"""Share of error over share of samples below which the error counts as uniform."""
+
+LEAST_SAMPLES, LEAST_SHARE = 0.02, 0.15
+"""Smallest share of the samples, and of the signal's error, that makes a region worth naming."""
+
+RULES_PER_SIGNAL, RULES = 2, 5
+"""At most so many regions for one signal, and for all of them."""
+
+EARNED = 1.15
+"""Factor by which one more condition must raise the divergence."""
+
+SURE_LIFT, SURE = 1.3, 2.5
+"""The lift must exceed the first by so many of its standard errors (jackknife over blocks)."""
+
+BLOCK_SECONDS = 0.2
+"""Errors within one block are one event: the length of a prediction window, s."""
+
+NEAR_FLOOR = 1.2
+"""Mean squared error over noise floor squared below which nothing but noise is left."""
+
+MOST_SAMPLES = 60_000
+"""Samples beyond this number are thinned evenly."""
+
+WHEN_OR_WHICH = 0.8
+"""Weight of rules on time or run: a physical condition that says nearly as much tells more."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """A region where the error of ``signal`` concentrates.
+
+    share : share of that signal's squared error that falls in it; samples : its share of the predicted samples;
+    region : the rule in display units, pressures gauge (and marked so).
+    """
+
+    signal: str
+    share: float
+    samples: float
+    region: str
+
+    @property
+    def lift(self) -> float:
+        """How many times the signal's mean squared error the region's is."""
+        return self.share / self.samples
+
+
+@dataclass(frozen=True)
+class _Condition:
+    """One condition: the feature it is on, its side (-1 below, 1 above, 0 neither), its words, its samples (N,)."""
+
+    feature: str
+    side: int
+    text: str
+    inside: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """The usable samples of one signal: squared error (N,), conditions ``(M, N)`` as 0/1, block number (N,)."""
+
+    energy: np.ndarray
+    masks: np.ndarray
+    block: np.ndarray
+
+
+def find_regions(
+    predictions: Sequence[Prediction], plant: Plant, noise_floor: Mapping[str, float] | None = None
+) -> list[Region]:
+    """Regions where the error of ``predictions`` concentrates, largest share first; none where it is uniform.
+
+    noise_floor : rmse per signal that noise alone gives (SI); signals that reach it are passed over.
+    """
+    predictions = [item for item in predictions if item.index.size]
+    if not predictions:
+        return []
+    thin = 1 + sum(item.index.size for item in predictions) // MOST_SAMPLES
+    conditions = _conditions(predictions, plant, thin)
+    if not conditions:
+        return []
+    masks = np.vstack([item.inside for item in conditions])
+    block = _blocks(predictions, thin)
+    found: list[Region] = []
+    for i, signal in enumerate(plant.outputs):
+        error = np.concatenate([item.error[i, ::thin] for item in predictions])
+        usable = np.isfinite(error)
+        energy = error[usable] ** 2
+        floor = (noise_floor or {}).get(signal, 0.0)
+        if usable.sum() < 50 or not 0.0 < energy.sum() < np.inf or energy.mean() < NEAR_FLOOR * floor**2:
+            continue
+        samples = _Samples(energy / energy.sum(), masks[:, usable].astype(np.float32), block[usable])
+        found += _regions_of(signal, samples, conditions)
+    return sorted(found, key=lambda item: -item.share)[:RULES]
+
+
+# --- conditions ---
+
+
+def _conditions(predictions: Sequence[Prediction], plant: Plant, thin: int) -> list[_Condition]:
+    """Every condition that splits the samples into two parts of at least the least share."""
+    found: list[_Condition] = []
+    for name, y in _features(predictions, plant, thin).items():
+        for level in _levels(name, y):
+            shown = _shown(name, level, plant)
+            found.append(_Condition(name, 1, shown.format(sign=">"), y > level))
+            found.append(_Condition(name, -1, shown.format(sign="<"), y < level))
+    if len(predictions) > 1:
+        runs = np.concatenate([np.full(item.index[::thin].size, k) for k, item in enumerate(predictions)])
+        found += [_Condition("run", 0, f"run {item.run.name}", runs == k) for k, item in enumerate(predictions)]
+    least = LEAST_SAMPLES
+    return [item for item in found if least <= item.inside.mean() <= 1.0 - least]
+
+
+def _features(predictions: Sequence[Prediction], plant: Plant, thin: int) -> dict[str, np.ndarray]:
+    """Signals (N,) that a rule may speak of, SI, pressures gauge, ``|v|`` and ``|u|`` (from null) beside the signed."""
+    parts: dict[str, list[np.ndarray]] = {}
+    for item in predictions:
+        run, at = item.run, item.index[::thin]
+        own = {"x": run.motion.x, "v": run.input("v") if "v" in run.inputs else run.motion.v, "t": run.t}
+        absolute = {name: run.recording.signals[name] for name in PRESSURES if name in run.recording.signals}
+        if "u" in run.inputs:
+            own["u"] = run.input("u") - plant.rig.null
+        if "psup" in run.inputs:
+            absolute["psup"] = run.input("psup")
+        own |= {name: p - plant.rig.patm for name, p in absolute.items()}
+        for name, y in own.items():
+            parts.setdefault(name, []).append(y[at])
+    found = {name: np.concatenate(y) for name, y in parts.items() if len(y) == len(predictions)}
+    for name in ("v", "u"):
+        if name in found:
+            found[f"|{name}|"] = np.abs(found[name])
+    return found
+
+
+def _levels(name: str, y: np.ndarray) -> np.ndarray:
+    """Rounded thresholds of a feature (SI)."""
+    if name in ("v", "u"):
+        top = float(np.percentile(np.abs(y), 99))
+        outer = _rounded(top * np.array([0.2, 0.5])) if name == "v" else np.zeros(0)
+        return np.unique(np.concatenate([-outer, [0.0], outer]))
+    if name in ("|v|", "|u|"):
+        return np.unique(_rounded(float(np.percentile(y, 99)) * np.array([0.02, 0.05, 0.2, 0.5])))
+    low, high = np.percentile(y, [2, 98])
+    if high - low < 1e-3 * max(abs(high), abs(low), 1e-12):
+        return np.zeros(0)
+    step = float(_rounded(np.array([(high - low) / 6]))[0])
+    return step * np.arange(np.ceil(low / step), np.floor(high / step) + 1)
+
+
+def _rounded(values: np.ndarray) -> np.ndarray:
+    """The nearest of 1, 2, 5 times a power of ten, on a logarithmic scale."""
+    positive = np.asarray(values)[np.asarray(values) > 0]
+    decade = 10.0 ** np.floor(np.log10(positive))
+    choices = np.array([1.0, 2.0, 5.0, 10.0])
+    nearest = np.argmin(np.abs(np.log(choices[:, None]) - np.log(positive / decade)), axis=0)
+    return np.asarray(choices[nearest] * decade)
+
+
+def _shown(name: str, level: float, plant: Plant) -> str:
+    """The condition's words with ``{sign}`` in place of < or >."""
+    bare = name.strip("|")
+    signal = SIGNALS[bare]
+    value = f"{to_display(level, signal.unit, signal.display_unit):.6g}"
+    if bare in PRESSURES:
+        return f"{name} {{sign}} {value} {signal.display_unit} gauge"
+    if name == "u":
+        return f"u {{sign}} {plant.rig.null + level:.6g} V"
+    if name == "|u|" and plant.rig.null != 0.0:
+        return f"|u - {plant.rig.null:.6g} V| {{sign}} {value} V"
+    if level == 0.0:
+        return f"{name} {{sign}} 0"
+    return f"{name} {{sign}} {value} {signal.display_unit}"
+
+
+def _blocks(predictions: Sequence[Prediction], thin: int) -> np.ndarray:
+    """Number (N,) of the block of 200 ms that a sample belongs to, no block spanning two runs."""
+    parts, first = [], 0
+    for item in predictions:
+        numbers = np.floor(item.run.t[item.index[::thin]] / BLOCK_SECONDS).astype(int)
+        parts.append(first + numbers - numbers.min())
+        first = int(parts[-1].max()) + 1
+    return np.concatenate(parts)
+
+
+# --- search ---
+
+
+def _regions_of(signal: str, samples: _Samples, conditions: Sequence[_Condition]) -> list[Region]:
+    found: list[Region] = []
+    left = np.ones(samples.energy.size, dtype=bool)
+    for _ in range(RULES_PER_SIGNAL):
+        kept = _Samples(samples.energy[left], samples.masks[:, left], samples.block[left])
+        rule = _best_rule(kept, conditions)
+        inside = np.all(samples.masks[list(rule)] > 0, axis=0)
+        fresh = float(samples.energy[inside & left].sum())
+        share = float(samples.energy[inside].sum())
+        if fresh < max(LEAST_SHARE, 0.5 * share) or not _convincing(kept, inside[left]):
+            break
+        size = float(inside.mean())
+        if share < LEAST_LIFT * size or size < LEAST_SAMPLES:
+            break
+        found.append(Region(signal, share, size, _words([conditions[k] for k in rule])))
+        left &= ~inside
+    return found
+
+
+def _convincing(samples: _Samples, inside: np.ndarray) -> bool:
+    """Whether the lift is large, and large beyond the chance of a few blocks."""
+    block = np.unique(samples.block, return_inverse=True)[1]
+    count = int(block.max()) + 1
+    energy, size = np.bincount(block, samples.energy, count), np.bincount(block, minlength=count)
+    energy_in, size_in = np.bincount(block, samples.energy * inside, count), np.bincount(block, inside, count)
+
+    def lift(without: np.ndarray | float, a: tuple) -> np.ndarray:
+        e_in, e, n_in, n = (item.sum() - without * item for item in a)
+        return np.asarray((e_in / np.maximum(e, 1e-300)) / np.maximum(n_in / np.maximum(n, 1), 1e-9))
+
+    parts = (energy_in, energy, size_in, size)
+    whole = float(lift(0.0, parts)[0])
+    if whole < LEAST_LIFT:
+        return False
+    others = np.log(np.maximum(lift(1.0, parts), 1e-9))
+    error = float(np.sqrt((count - 1) / count * np.sum((others - others.mean()) ** 2)))
+    return np.log(whole) - SURE * error > np.log(SURE_LIFT)
+
+
+def _best_rule(samples: _Samples, conditions: Sequence[_Condition]) -> tuple[int, ...]:
+    """Conditions (their numbers) of the best rule: every single and pair is tried, the best pairs get a third."""
+    masks, energy = samples.masks, (samples.energy / samples.energy.sum()).astype(np.float32)
+    weight = np.array([WHEN_OR_WHICH if item.feature in ("t", "run") else 1.0 for item in conditions])
+    n = masks.shape[1]
+    goes = np.array([[_goes_with(a, b) for b in conditions] for a in conditions])
+    single = _divergence(masks @ energy, masks.mean(axis=1)) * weight
+    pair = _divergence((masks * energy) @ masks.T, masks @ masks.T / n) * np.minimum.outer(weight, weight) * goes
+    best: tuple[int, ...] = (int(np.argmax(single)),)
+    score = float(single.max())
+    first, second = np.unravel_index(np.argmax(pair), pair.shape)
+    if pair.max() < EARNED * score:
+        return best
+    best, score = (int(first), int(second)), float(pair.max())
+    both = masks[first] * masks[second]
+    triple = _divergence(masks @ (energy * both), masks @ both / n) * goes[first] * goes[second]
+    triple = triple * np.minimum(weight, min(weight[first], weight[second]))
+    if triple.max() > EARNED * score:
+        best = (*best, int(np.argmax(triple)))
+    return best
+
+
+def _divergence(share: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """Divergence of the error's split from the samples' split; 0 below the least lift or the least samples."""
+    e, s = (np.clip(np.asarray(y, dtype=float), 1e-9, 1 - 1e-9) for y in (share, samples))
+    found = e * np.log(e / s) + (1 - e) * np.log((1 - e) / (1 - s))
+    return np.where((e > s) & (samples >= LEAST_SAMPLES), found, 0.0)
+
+
+def _goes_with(a: _Condition, b: _Condition) -> bool:
+    """Whether two conditions say more together than one of them: other features, or the two ends of a band."""
+    if a.feature == b.feature:
+        return a.side * b.side < 0
+    pair = {a.feature: a.side, b.feature: b.side}
+    # "v < 0 and |v| > 20 mm/s" is "v < -20 mm/s"
+    return not any(name in pair and pair.get(f"|{name}|") == 1 for name in ("v", "u"))
+
+
+def _words(rule: Sequence[_Condition]) -> str:
+    """The rule as text, motion first, run and time last; the two ends of a band as ``p2 = 200 to 400 kPa gauge``."""
+    order = ["v", "|v|", "u", "|u|", "x", "p1", "p2", "psup", "t", "run"]
+    parts: dict[str, str] = {}
+    for item in sorted(rule, key=lambda item: (order.index(item.feature), -item.side)):
+        before = parts.get(item.feature)
+        parts[item.feature] = item.text if before is None else _band(before, item.text)
+    return " and ".join(parts.values())
+
+
+def _band(above: str, below: str) -> str:
+    """``x > 100 mm`` and ``x < 200 mm`` as ``x = 100 to 200 mm``."""
+    name, low = above.split(" > ")
+    return f"{name} = {low.split(' ')[0]} to {below.split(' < ')[1]}"

@@ -1,0 +1,204 @@
+"""The identified model: parameters with errors and verdicts, what it was fitted on, and its file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pneuid.effects import effects_by_name
+from pneuid.errors import UserError
+from pneuid.estimation.fit import Fit
+from pneuid.physics.smoothing import FINE, Smoothing
+from pneuid.plant import RANGES, Plant
+from pneuid.recording import Recording
+from pneuid.rig import Rig
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One fitted parameter, SI. ``std`` is None where the fit is relaxed; ``effect`` is None for the base model."""
+
+    name: str
+    unit: str
+    value: float
+    std: float | None
+    lower: float
+    upper: float
+    start: float
+    effect: str | None
+    run: str | None
+    verdict: str
+
+
+@dataclass(frozen=True)
+class FitSummary:
+    """How the fit ended, as in model.json."""
+
+    stage: str
+    converged: bool
+    status: str
+    cost_per_sample: float
+    solver: str
+    iterations: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """A recording the model has seen: file, its sha256, samples, and its role ``train`` or ``hold_out``."""
+
+    file: str
+    sha256: str
+    samples: int
+    role: str
+
+
+@dataclass(frozen=True)
+class Model:
+    """An identified model (SI, absolute pressures).
+
+    noise : 1-sigma per signal that the fit used; ranges : position and pressures it was fitted on; substeps per sample
+    of the fit; parent : sha256 of the model file it came from.
+    """
+
+    name: str
+    rig: Rig
+    friction: str
+    effects: tuple[str, ...]
+    parameters: tuple[Estimate, ...]
+    fit: FitSummary
+    data: tuple[DataFile, ...]
+    noise: dict[str, float]
+    ranges: dict[str, float]
+    substeps: int
+    parent: str | None = None
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameter values by name, SI."""
+        return {item.name: item.value for item in self.parameters}
+
+    @property
+    def plant(self) -> Plant:
+        """The symbolic system."""
+        return Plant(self.rig, self.friction, effects_by_name(self.effects))
+
+    def theta(self, mass_run: float | None = None, smoothing: Smoothing = FINE) -> np.ndarray:
+        """The plant's column of numbers for a run with its own moving mass (kg) or the rig's."""
+        return self.plant.theta(self.values, self.ranges, mass_run, smoothing)
+
+    # --- file ---
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of model.json."""
+        return {
+            "schema": SCHEMA,
+            "name": self.name,
+            "rig": self.rig.to_dict(),
+            "friction": self.friction,
+            "effects": list(self.effects),
+            "parameters": [vars(item) for item in self.parameters],
+            "fit": vars(self.fit),
+            "data": [vars(item) for item in self.data],
+            "parent": self.parent,
+            "noise": self.noise,
+            "ranges": self.ranges,
+            "substeps": self.substeps,
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write model.json, whole or not at all."""
+        target = Path(path)
+        part = target.with_name(target.name + ".part")
+        part.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False), encoding="utf-8")
+        part.replace(target)
+
+
+def model_of(fit: Fit, name: str, hold_out: Sequence[Recording] = (), parent: str | None = None) -> Model:
+    """The model that a fit identified."""
+    plant = fit.plant
+    stds = fit.spread.std if fit.spread is not None else [None] * len(plant.parameters)
+    estimates = tuple(
+        Estimate(
+            name=item.name, unit=item.unit, value=fit.values[item.name], std=None if std is None else float(std),
+            lower=float(declared.lower), upper=float(declared.upper), start=float(item.start),
+            effect=plant.owner[item.name], run=None, verdict=fit.verdicts.get(item.name, "weakly determined"),
+        )
+        for item, declared, std in zip(plant.parameters, fit.problem.declared, stds, strict=True)
+    )  # fmt: skip
+    summary = FitSummary(
+        fit.stage, fit.converged, fit.status, fit.cost_per_sample, "ipopt", fit.iterations, round(fit.seconds, 3)
+    )
+    data = tuple(
+        DataFile(run.file or run.name, run.sha256, run.n, role)
+        for role, runs in (("train", [item.recording for item in fit.runs]), ("hold_out", list(hold_out)))
+        for run in runs
+    )
+    return Model(
+        name=name, rig=plant.rig, friction=plant.law.name, effects=tuple(effect.name for effect in plant.effects),
+        parameters=estimates, fit=summary, data=data, noise=dict(fit.noise), ranges=dict(fit.ranges),
+        substeps=fit.substeps, parent=parent,
+    )  # fmt: skip
+
+
+def nominal_model(rig: Rig, values: Mapping[str, float], ranges: Mapping[str, float], effects: Sequence[str] = ()) -> Model:
+    """A model with stated values (SI) instead of fitted ones; parameters not named keep their typical start."""
+    plant = Plant(rig, rig.friction, effects_by_name(tuple(effects)))
+    known = plant.starts() | dict(values)
+    estimates = tuple(
+        Estimate(item.name, item.unit, known[item.name], None, item.lower, item.upper, item.start,
+                 plant.owner[item.name], None, "not visible")
+        for item in plant.parameters
+    )  # fmt: skip
+    summary = FitSummary("relaxed", False, "nominal: values were stated, not fitted", 0.0, "none", 0, 0.0)
+    names = tuple(effect.name for effect in plant.effects)
+    return Model("nominal", rig, rig.friction, names, estimates, summary, (), {}, dict(ranges), 2)
+
+
+def load(path: str | Path) -> Model:
+    """Read model.json. Raises ``UserError`` naming the file and key for anything that is not a model of this program."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: cannot read the model: {error}") from error
+    try:
+        raw = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise UserError(f"{path}: line {error.lineno}: not JSON ({error.msg}); give the model.json of a fit") from error
+    if not isinstance(raw, dict) or raw.get("schema") != SCHEMA:
+        raise UserError(f"{path}: schema: expected {SCHEMA}; this is not a model.json of this version")
+    try:
+        model = Model(
+            name=str(raw["name"]), rig=Rig.from_dict(raw["rig"], f"{path}: rig"), friction=str(raw["friction"]),
+            effects=tuple(raw["effects"]), parameters=tuple(Estimate(**item) for item in raw["parameters"]),
+            fit=FitSummary(**raw["fit"]), data=tuple(DataFile(**item) for item in raw["data"]),
+            noise={key: float(value) for key, value in raw["noise"].items()},
+            ranges={key: float(raw["ranges"][key]) for key in RANGES}, substeps=int(raw["substeps"]), parent=raw["parent"],
+        )  # fmt: skip
+        wanted = set(model.plant.parameter_names)
+    except UserError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise UserError(f"{path}: key {error} is missing or malformed; give the model.json of a fit") from error
+    missing = wanted - set(model.values)
+    if missing:
+        raise UserError(f"{path}: parameters: {', '.join(sorted(missing))} missing for effects {list(model.effects)}")
+    return model
+
+
+def file_sha256(path: str | Path) -> str:
+    """Hex digest of a file, to name a parent by."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def renamed(model: Model, name: str) -> Model:
+    """The same model under another name."""
+    return replace(model, name=name)
