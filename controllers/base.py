@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +33,11 @@ class Controller(ABC):
     """A controller of one servo rig.
 
     name : as in the registry; sample_time : s; preview : rows of the reference that ``step`` looks at; lowest,
-    highest : limits of the command, V; neutral : command that closes the valve, V.
+    highest : limits of the command, V; neutral : command that closes the valve, V; gains : a frozen dataclass.
     """
 
     name: str
+    gains: Any
     preview: int = 2
 
     def __init__(self, sample_time: float, lowest: float, highest: float, neutral: float) -> None:
@@ -75,6 +76,10 @@ class Controller(ABC):
             u = self.neutral
         self.applied = min(max(u, self.lowest), self.highest)
         return self.applied
+
+    @abstractmethod
+    def retune(self, gains: Any) -> None:
+        """Other gains for the same controller, without compiling again."""
 
     @abstractmethod
     def _start(self, measurement: Measurement) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from controllers.control_model import EFFECTS, ControlModel
 from pneuid.compiled import compile_functions
+from pneuid.plant import Stages
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ def _friction(model: ControlModel, N: int, interval: float) -> ca.Function:
     x, v, p1, p2 = (ca.SX.sym(name) for name in ("x", "v", "p1", "p2"))
     patm = model.named(theta, "patm")
 
-    def at(deflection: ca.SX) -> ca.SX:
+    def at(deflection: ca.SX) -> Stages:
         return model.plant.evaluate(ca.vertcat(x, v, p1, p2, deflection, effects), [model.neutral, patm], theta)
 
     def moved(duration: float) -> ca.SX:

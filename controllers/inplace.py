@@ -27,9 +27,9 @@ class InPlace:
         self._kept = (function, arrays)
         self._buffer, self._run = function.buffer()
         for place, array in enumerate(given):
-            self._buffer.set_arg(place, memoryview(array.reshape(-1)))
+            self._buffer.set_arg(place, memoryview(array.reshape(-1)))  # type: ignore[call-arg, arg-type]
         for place, array in enumerate(found):
-            self._buffer.set_res(place, memoryview(array.reshape(-1)))
+            self._buffer.set_res(place, memoryview(array.reshape(-1)))  # type: ignore[call-arg, arg-type]
 
     def __call__(self) -> None:
         """Read, compute, write."""

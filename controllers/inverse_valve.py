@@ -43,7 +43,7 @@ def command_for(model: ControlModel, wanted: Any, s: Any, psup: Any, lead: Any, 
 
 
 def same_effect_function(model: ControlModel) -> ca.Function:
-    """Compiled ``(u, s, psup, lead, meant theta, theta) -> command`` that does on ``theta`` what ``u`` does on another."""
+    """Compiled ``(u, s, psup, lead, meant, theta) -> command``: does on ``theta`` what ``u`` does on ``meant``."""
     s, u, psup, lead = ca.SX.sym("s", model.states), ca.SX.sym("u"), ca.SX.sym("psup"), ca.SX.sym("lead")
     meant, theta = ca.SX.sym("meant", model.theta.size), model.theta_symbol()
     command = command_for(model, led_force_rate(model, s, u, psup, lead, meant), s, psup, lead, theta)

@@ -1,7 +1,7 @@
 """The closed loop: a controller on a plant that is stepped and measured, and what counts in the result.
 
-The plant is anything with ``reset(x0, supply)``, ``step(u, dt)``, ``measure(rng)`` and ``array`` or ``state``: the
-virtual rig's ``ServoPlant``, or the identified model itself (`model_plant`).
+The plant is anything with ``reset(x0, supply)``, ``step(u, dt)``, ``measure(rng)`` and ``array``: the virtual rig's
+``ServoPlant``, or the identified model itself (`model_plant`).
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class Stepped(Protocol):
         """x, p1, p2 as the sensors see them."""
 
     @property
-    def state(self) -> dict[str, float]:
-        """The true state by name."""
+    def array(self) -> Array:
+        """The true state; the position comes first."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Figures:
+class Metrics:
     """What a run is judged by.
 
     rms, peak : tracking error, m; steady : mean absolute error in dwells, m; worst_steady : largest of a dwell's mean
@@ -87,28 +87,28 @@ def run(
     """
     T = controller.sample_time
     count = round(reference.duration / T)
-    track = reference.samples(T * np.arange(count + controller.preview + 1))
+    track = reference.samples(T * np.arange(count + controller.preview + 1, dtype=np.float64))
     rng = None if seed is None else np.random.default_rng(seed)
     plant.reset(float(track[0, 0]), supply)
     x, u, cost = np.empty(count), np.empty(count), np.empty(count)
     controller.reset(Measurement(**plant.measure(rng), psup=supply), track[: controller.preview])
     for k in range(count):
-        x[k], u[k] = plant.state["x"], controller.applied
+        x[k], u[k] = plant.array[0], controller.applied
         seen = Measurement(**plant.measure(rng), psup=supply)
         began = time.perf_counter()
         controller.step(seen, track[k : k + controller.preview])
         cost[k] = time.perf_counter() - began
         plant.step(u[k], T)
-    return Run(T * np.arange(count), track[:count], x, u, cost)
+    return Run(T * np.arange(count, dtype=np.float64), track[:count], x, u, cost)
 
 
-def figures(run: Run) -> Figures:
+def metrics(run: Run) -> Metrics:
     """Judge a run."""
     error = run.error
     T = run.t[1] - run.t[0]
     dwells = _dwells(run.reference, round(SETTLING / T))
     means = [float(np.mean(error[part])) for part in dwells]
-    return Figures(
+    return Metrics(
         rms=float(np.sqrt(np.mean(error**2))),
         peak=float(np.max(np.abs(error))),
         steady=float(np.mean(np.abs(np.concatenate([error[part] for part in dwells])))) if dwells else np.nan,

@@ -7,6 +7,7 @@ from collections import deque
 import casadi as ca
 import numpy as np
 
+from controllers.base import Array
 from controllers.control_model import ControlModel
 from controllers.inplace import InPlace
 from pneuid.compiled import compile_functions
@@ -42,7 +43,7 @@ class ModelPlant:
         self._queue: deque[float] = deque()
 
     def reset(self, x0: float, supply: float | None = None) -> None:
-        """At rest at ``x0`` [m] under ``supply`` [Pa, absolute], chambers near 60 % of its gauge value, forces in balance."""
+        """At rest at ``x0`` [m] under ``supply`` [Pa, absolute]; chambers near 60 % of its gauge value, in balance."""
         model = self.model
         supply = model.plant.rig.supply if supply is None else supply
         patm, A1, A2 = (model.value(name) for name in ("patm", "A1", "A2"))
@@ -74,9 +75,9 @@ class ModelPlant:
         return {"x": float(x), "p1": float(p1), "p2": float(p2)}
 
     @property
-    def state(self) -> dict[str, float]:
-        """The true state by name."""
-        return dict(zip(self.model.plant.states, self._s.tolist(), strict=True))
+    def array(self) -> Array:
+        """The true state, in the order of the plant's states; not a copy."""
+        return self._s
 
 
 def _step_function(model: ControlModel) -> ca.Function:

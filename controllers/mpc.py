@@ -98,8 +98,9 @@ class Mpc(Controller):
         self._observe = InPlace(_observer(model, self.sample_time), given, (self._observed,))
         self._supply, self._meant, self._command_out = np.zeros(1), np.zeros(1), np.zeros(1)
         self._rounded = model.with_values(smooth_opening=ROUNDED_OPENING, smooth_laminar=ROUNDED_LAMINAR)
-        given = (self._meant, self._state, self._supply, np.array([self.sample_time]), self._rounded, theta)
-        self._translate = InPlace(same_effect_function(model), given, (self._command_out,))
+        lead = np.array([self.sample_time])
+        translated = (self._meant, self._state, self._supply, lead, self._rounded, theta)
+        self._translate = InPlace(same_effect_function(model), translated, (self._command_out,))
 
     def _prepare_horizon(self) -> None:
         """Fixed memory of the stage dynamics and of the friction to come."""

@@ -9,7 +9,7 @@ sample, when the command computed now begins to act.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from controllers.base import Measurement
 from controllers.control_model import EFFECTS, P1, P2, ControlModel, KnownFriction, V, X, Z
 from controllers.eso import corrected, correction_gains
+from pneuid.plant import Plant
 from pneuid.step import substep, substeps_needed
 
 FASTEST = 20.0
@@ -67,7 +68,8 @@ def observed(
     p2 = s[P2] + gains.pressure_trust * (measurement[2] - s[P2])
     s, residual = _limited(model, ca.vertcat(x, v, p1, p2, s[Z:]), residual, psup, theta)
     residual, share = _learned(model, s, residual, share, gains, sample_time, theta)
-    plant = KnownFriction(model, gains.alpha + share, residual)
+    # the step needs the plant's evaluation alone
+    plant = cast("Plant", KnownFriction(model, gains.alpha + share, residual))
     count = substeps_needed(model.plant, model.theta, sample_time)
     for _ in range(count):
         s = substep(plant, s, ca.vertcat(applied, psup), ca.DM.zeros(2), sample_time / count, theta)

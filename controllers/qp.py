@@ -22,6 +22,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
 
 LARGEST_ITERATIONS = 40
 _TO_BOUNDARY = 0.995
@@ -47,7 +48,14 @@ def solve(
     The problem should be scaled so that states and commands are of order one; ``tolerance`` holds for the
     complementarity, the bounds and the last step alike.
     """
-    return Solution(*_solve(A, B, c, Q, q, R, lower, upper, give, x0, tolerance))
+    N, nx = B.shape
+    x, u = np.zeros((N + 1, nx)), np.zeros(N)
+    x[0] = x0
+    iterations, solved = _solve(A, B, c, Q, q, R, lower, upper, give, x, u, tolerance)
+    return Solution(x, u, iterations, solved)
+
+
+# Loops instead of array expressions throughout: as fast at these sizes, and numba compiles them several times faster.
 
 
 @njit(cache=True)
@@ -66,25 +74,24 @@ def _roll_out(A: Array, B: Array, c: Array, u: Array, x: Array) -> None:
 def _factorise(A: Array, B: Array, Q: Array, R: float, gain: Array, pivot: Array) -> None:
     """Riccati recursion for the weights ``Q``: ``gain`` (N, nx) with ``u = -gain x``, ``pivot`` (N,)."""
     N, nx = B.shape
-    P = np.zeros((nx, nx))
-    PA = np.empty((nx, nx))
+    P, PA, PB = np.zeros((nx, nx)), np.zeros((nx, nx)), np.zeros(nx)
     for a in range(nx):
         P[a, a] = Q[N, a]
     for i in range(N - 1, -1, -1):
-        PB = P @ B[i]
-        h = R + B[i] @ PB
+        h = R
+        for a in range(nx):
+            PB[a] = 0.0
+            for b in range(nx):
+                PB[a] += P[a, b] * B[i, b]
+                PA[a, b] = 0.0
+                for k in range(nx):
+                    PA[a, b] += P[a, k] * A[i, k, b]
+            h += B[i, a] * PB[a]
         pivot[i] = h
         for a in range(nx):
-            for b in range(nx):
-                total = 0.0
-                for k in range(nx):
-                    total += P[a, k] * A[i, k, b]
-                PA[a, b] = total
-        for a in range(nx):
-            total = 0.0
+            gain[i, a] = 0.0
             for k in range(nx):
-                total += A[i, k, a] * PB[k]
-            gain[i, a] = total / h
+                gain[i, a] += A[i, k, a] * PB[k] / h
         for a in range(nx):
             for b in range(a, nx):
                 total = -h * gain[i, a] * gain[i, b]
@@ -96,23 +103,31 @@ def _factorise(A: Array, B: Array, Q: Array, R: float, gain: Array, pivot: Array
 
 
 @njit(cache=True)
-def _direction(A: Array, B: Array, gain: Array, pivot: Array, gx: Array, gu: Array, dx: Array, du: Array) -> None:
-    """Newton direction for the gradients ``gx`` (N+1, nx), ``gu`` (N,), written into ``dx`` and ``du``."""
+def _direction(
+    A: Array, B: Array, gain: Array, pivot: Array, gx: Array, R: float, u: Array, dx: Array, du: Array
+) -> None:
+    """Newton direction for the gradients ``gx`` (N+1, nx) and ``R u``, written into ``dx`` and ``du``."""
     N, nx = B.shape
-    p = gx[N].copy()
+    p, new = np.zeros(nx), np.zeros(nx)
+    for a in range(nx):
+        p[a] = gx[N, a]
     for i in range(N - 1, -1, -1):
-        h = gu[i] + B[i] @ p
-        du[i] = h / pivot[i]
-        new = gx[i].copy()
+        h = R * u[i]
         for a in range(nx):
-            total = -gain[i, a] * h
+            h += B[i, a] * p[a]
+        du[i] = h / pivot[i]
+        for a in range(nx):
+            new[a] = gx[i, a] - gain[i, a] * h
             for k in range(nx):
-                total += A[i, k, a] * p[k]
-            new[a] += total
-        p = new
-    dx[0] = 0.0
+                new[a] += A[i, k, a] * p[k]
+        for a in range(nx):
+            p[a] = new[a]
+    for a in range(nx):
+        dx[0, a] = 0.0
     for i in range(N):
-        du[i] = -du[i] - gain[i] @ dx[i]
+        du[i] = -du[i]
+        for a in range(nx):
+            du[i] -= gain[i, a] * dx[i, a]
         for a in range(nx):
             total = B[i, a] * du[i]
             for k in range(nx):
@@ -121,59 +136,63 @@ def _direction(A: Array, B: Array, gain: Array, pivot: Array, gx: Array, gu: Arr
 
 
 @njit(cache=True)
-def _list_bounds(lower: Array, upper: Array) -> NDArray[np.int64]:
-    """Every finite bound as a row ``(stage, state, sign)``: sign +1 for an upper, -1 for a lower one."""
-    rows = np.empty((2 * lower.size, 3), dtype=np.int64)
+def _list_bounds(lower: Array, upper: Array, rows: Rows) -> int:
+    """Write every finite bound as a row ``(stage, state, sign)``, +1 for an upper, -1 for a lower one; their number."""
     count = 0
     for i in range(1, lower.shape[0]):
         for j in range(lower.shape[1]):
-            if np.isfinite(upper[i, j]):
-                rows[count] = (i, j, 1)
-                count += 1
-            if np.isfinite(lower[i, j]):
-                rows[count] = (i, j, -1)
-                count += 1
-    return rows[:count]
+            for sign in (1, -1):
+                if (sign > 0 and upper[i, j] < np.inf) or (sign < 0 and lower[i, j] > -np.inf):
+                    rows[count, 0] = i
+                    rows[count, 1] = j
+                    rows[count, 2] = sign
+                    count += 1
+    return count
 
 
 @njit(cache=True)
-def _beyond(rows: NDArray[np.int64], lower: Array, upper: Array, x: Array, out: Array) -> None:
-    """By how much each bound is exceeded (negative: room left)."""
-    for k in range(rows.shape[0]):
-        i, j, sign = rows[k]
-        out[k] = x[i, j] - upper[i, j] if sign > 0 else lower[i, j] - x[i, j]
+def _beyond(rows: Rows, m: int, lower: Array, upper: Array, x: Array, out: Array) -> float:
+    """By how much each bound is exceeded (negative: room left); returns the largest."""
+    worst = -np.inf
+    for k in range(m):
+        i, j = rows[k, 0], rows[k, 1]
+        out[k] = x[i, j] - upper[i, j] if rows[k, 2] > 0 else lower[i, j] - x[i, j]
+        worst = max(worst, out[k])
+    return worst
+
+
+@njit(cache=True)
+def _gradient(Q: Array, q: Array, x: Array, gx: Array) -> None:
+    """``Q x + q``, written into ``gx``."""
+    for i in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            gx[i, j] = Q[i, j] * x[i, j] + q[i, j]
 
 
 @njit(cache=True)
 def _bound_terms(
-    rows: NDArray[np.int64], give: Array, t: Array, mult: Array, violation: Array, target: Array, Qb: Array, gx: Array
+    rows: Rows, m: int, give: Array, t: Array, mult: Array, violation: Array, target: Array, Qb: Array, gx: Array
 ) -> None:
     """Add what the bounds contribute to weights and gradient; ``target`` is the wanted ``t * mult`` of each."""
-    for k in range(rows.shape[0]):
-        i, j, sign = rows[k]
+    for k in range(m):
+        i, j, sign = rows[k, 0], rows[k, 1], rows[k, 2]
         weight = 1.0 / (t[k] / mult[k] + give[j])
         Qb[i, j] += weight
-        gx[i, j] = gx[i, j] + sign * (mult[k] + weight * (violation[k] - (t[k] * mult[k] - target[k]) / mult[k]))
+        gx[i, j] += sign * (mult[k] + weight * (violation[k] - (t[k] * mult[k] - target[k]) / mult[k]))
 
 
 @njit(cache=True)
 def _slack_steps(
-    rows: NDArray[np.int64], give: Array, dx: Array, t: Array, mult: Array, violation: Array, target: Array,
-    dt: Array, dmult: Array,
-) -> None:  # fmt: skip
-    """Steps of slacks and multipliers that belong to the step ``dx`` of the states."""
-    for k in range(rows.shape[0]):
-        i, j, sign = rows[k]
+    rows: Rows, m: int, give: Array, dx: Array, t: Array, mult: Array, violation: Array, target: Array, dt: Array,
+    dmult: Array,
+) -> float:  # fmt: skip
+    """Steps of slacks and multipliers that belong to ``dx``; returns the longest that keeps them positive."""
+    step = 1.0 / _TO_BOUNDARY
+    for k in range(m):
+        i, j, sign = rows[k, 0], rows[k, 1], rows[k, 2]
         short = t[k] * mult[k] - target[k]
         dmult[k] = (sign * dx[i, j] + violation[k] - short / mult[k]) / (t[k] / mult[k] + give[j])
         dt[k] = -(short + t[k] * dmult[k]) / mult[k]
-
-
-@njit(cache=True)
-def _longest(t: Array, mult: Array, dt: Array, dmult: Array) -> float:
-    """Longest step that keeps slacks and multipliers positive, at most 1/0.995."""
-    step = 1.0 / _TO_BOUNDARY
-    for k in range(t.shape[0]):
         if dt[k] < 0.0:
             step = min(step, -t[k] / dt[k])
         if dmult[k] < 0.0:
@@ -182,69 +201,92 @@ def _longest(t: Array, mult: Array, dt: Array, dmult: Array) -> float:
 
 
 @njit(cache=True)
+def _complementarity(m: int, t: Array, mult: Array, step: float, dt: Array, dmult: Array) -> float:
+    """Mean of slack times multiplier after a step."""
+    total = 0.0
+    for k in range(m):
+        total += (t[k] + step * dt[k]) * (mult[k] + step * dmult[k])
+    return total / m
+
+
+@njit(cache=True)
+def _move(x: Array, u: Array, dx: Array, du: Array, step: float) -> float:
+    """Add a step to states and commands; returns the largest change of a command."""
+    largest = 0.0
+    for i in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            x[i, j] += step * dx[i, j]
+    for i in range(u.shape[0]):
+        u[i] += step * du[i]
+        largest = max(largest, abs(step * du[i]))
+    return largest
+
+
+@njit(cache=True)
 def _interior_point(
-    A: Array, B: Array, Q: Array, q: Array, R: float, lower: Array, upper: Array, give: Array, rows: NDArray[np.int64], x: Array,
-    u: Array, tolerance: float,
+    A: Array, B: Array, Q: Array, q: Array, R: float, lower: Array, upper: Array, give: Array, rows: Rows, m: int,
+    x: Array, u: Array, tolerance: float,
 ) -> tuple[int, bool]:  # fmt: skip
     """Improve ``x`` and ``u`` in place from a point that satisfies the dynamics; iterations and success."""
-    N, nx, m = B.shape[0], B.shape[1], rows.shape[0]
-    gain, pivot, dx, du = np.empty((N, nx)), np.empty(N), np.zeros((N + 1, nx)), np.zeros(N)
-    violation, target, dt, dmult = np.empty(m), np.zeros(m), np.empty(m), np.empty(m)
-    _beyond(rows, lower, upper, x, violation)
-    t = np.maximum(-violation, _SMALLEST_SLACK)
-    mult = _FIRST_BARRIER / t
+    N, nx = B.shape
+    gain, pivot, dx, du = np.zeros((N, nx)), np.zeros(N), np.zeros((N + 1, nx)), np.zeros(N)
+    violation, target, dt, dmult = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
+    t, mult, Qb, gx = np.zeros(m), np.zeros(m), np.zeros((N + 1, nx)), np.zeros((N + 1, nx))
+    _beyond(rows, m, lower, upper, x, violation)
+    for k in range(m):
+        t[k] = max(-violation[k], _SMALLEST_SLACK)
+        mult[k] = _FIRST_BARRIER / t[k]
     for iteration in range(1, LARGEST_ITERATIONS + 1):
-        _beyond(rows, lower, upper, x, violation)
+        _beyond(rows, m, lower, upper, x, violation)
+        worst = 0.0
         for k in range(m):
             violation[k] += t[k] - give[rows[k, 1]] * mult[k]
-        mu = (t @ mult) / m
-        # predictor: aim at zero, see how far one gets
-        target[:] = 0.0
-        Qb, gx = Q.copy(), Q * x + q
-        _bound_terms(rows, give, t, mult, violation, target, Qb, gx)
+            worst = max(worst, abs(violation[k]))
+            # predictor: aim at zero, see how far one gets
+            target[k] = 0.0
+        for i in range(N + 1):
+            for j in range(nx):
+                Qb[i, j] = Q[i, j]
+        _gradient(Q, q, x, gx)
+        _bound_terms(rows, m, give, t, mult, violation, target, Qb, gx)
         _factorise(A, B, Qb, R, gain, pivot)
-        _direction(A, B, gain, pivot, gx, R * u, dx, du)
-        _slack_steps(rows, give, dx, t, mult, violation, target, dt, dmult)
-        step = min(1.0, _longest(t, mult, dt, dmult))
-        ahead = ((t + step * dt) @ (mult + step * dmult)) / m
+        _direction(A, B, gain, pivot, gx, R, u, dx, du)
+        step = min(1.0, _slack_steps(rows, m, give, dx, t, mult, violation, target, dt, dmult))
         # corrector: centre as far as the predictor fell short, second-order term included
-        centre = (ahead / mu) ** 3 * mu
+        mu = _complementarity(m, t, mult, 0.0, dt, dmult)
+        centre = (_complementarity(m, t, mult, step, dt, dmult) / mu) ** 3 * mu
         for k in range(m):
             target[k] = centre - dt[k] * dmult[k]
-        gx = Q * x + q
-        _bound_terms(rows, give, t, mult, violation, target, Qb, gx)
-        _direction(A, B, gain, pivot, gx, R * u, dx, du)
-        _slack_steps(rows, give, dx, t, mult, violation, target, dt, dmult)
-        step = min(1.0, _TO_BOUNDARY * _longest(t, mult, dt, dmult))
-        x += step * dx
-        u += step * du
-        t += step * dt
-        mult += step * dmult
-        worst = (1.0 - step) * np.max(np.abs(violation))
-        settled = step > 0.9 and np.max(np.abs(du)) < np.sqrt(tolerance)
-        if settled and (t @ mult) / m < tolerance and worst < tolerance:
+        _gradient(Q, q, x, gx)
+        _bound_terms(rows, m, give, t, mult, violation, target, Qb, gx)
+        _direction(A, B, gain, pivot, gx, R, u, dx, du)
+        step = min(1.0, _TO_BOUNDARY * _slack_steps(rows, m, give, dx, t, mult, violation, target, dt, dmult))
+        change = _move(x, u, dx, du, step)
+        for k in range(m):
+            t[k] += step * dt[k]
+            mult[k] += step * dmult[k]
+        settled = step > 0.9 and change < np.sqrt(tolerance) and (1.0 - step) * worst < tolerance
+        if settled and _complementarity(m, t, mult, 0.0, dt, dmult) < tolerance:
             return iteration, True
     return LARGEST_ITERATIONS, False
 
 
 @njit(cache=True)
 def _solve(
-    A: Array, B: Array, c: Array, Q: Array, q: Array, R: float, lower: Array, upper: Array, give: Array, x0: Array,
-    tolerance: float,
-) -> tuple[Array, Array, int, bool]:  # fmt: skip
-    """The minimum without bounds if it respects them, else the interior-point method from there."""
+    A: Array, B: Array, c: Array, Q: Array, q: Array, R: float, lower: Array, upper: Array, give: Array, x: Array,
+    u: Array, tolerance: float,
+) -> tuple[int, bool]:  # fmt: skip
+    """The minimum without bounds if it respects them, else the interior-point method from there; from ``x[0]``."""
     N, nx = B.shape
-    x, u, dx, du = np.zeros((N + 1, nx)), np.zeros(N), np.zeros((N + 1, nx)), np.zeros(N)
-    gain, pivot = np.empty((N, nx)), np.empty(N)
-    x[0] = x0
+    dx, du, gx = np.zeros((N + 1, nx)), np.zeros(N), np.zeros((N + 1, nx))
+    gain, pivot = np.zeros((N, nx)), np.zeros(N)
     _roll_out(A, B, c, u, x)
     _factorise(A, B, Q, R, gain, pivot)
-    _direction(A, B, gain, pivot, Q * x + q, R * u, dx, du)
-    x, u = x + dx, u + du
-    rows = _list_bounds(lower, upper)
-    beyond = np.zeros(rows.shape[0] + 1)
-    _beyond(rows, lower, upper, x, beyond)
-    if np.max(beyond) <= 0.0:
-        return x, u, 0, True
-    iterations, solved = _interior_point(A, B, Q, q, R, lower, upper, give, rows, x, u, tolerance)
-    return x, u, iterations, solved
+    _gradient(Q, q, x, gx)
+    _direction(A, B, gain, pivot, gx, R, u, dx, du)
+    _move(x, u, dx, du, 1.0)
+    rows, room = np.zeros((2 * (N + 1) * nx, 3), np.int64), np.zeros(2 * (N + 1) * nx)
+    m = _list_bounds(lower, upper, rows)
+    if _beyond(rows, m, lower, upper, x, room) <= 0.0:
+        return 0, True
+    return _interior_point(A, B, Q, q, R, lower, upper, give, rows, m, x, u, tolerance)

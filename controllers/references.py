@@ -45,6 +45,10 @@ class Reference(ABC):
     def samples(self, t: Array) -> Array:
         """Position, velocity, acceleration, jerk at times ``t`` [s], ``(len(t), 4)``."""
 
+    def over(self, interval: float) -> Array:
+        """The whole motion sampled every ``interval`` [s], ``(count, 4)``."""
+        return self.samples(np.arange(0.0, self.duration + 0.5 * interval, interval))
+
     def _from(self, deviation: Array) -> Array:
         deviation[:, 0] += self.centre
         return deviation

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -161,23 +161,14 @@ class Trial:
         total = 0.0
         for track in self._tracks:
             try:
-                found = loop.figures(loop.run(controller, self._plant, track, self._supply, seed=0))
+                found = loop.metrics(loop.run(controller, self._plant, track, self._supply, seed=0))
             except ComputationError:
                 return 1.0
             total += found.rms + TRAVEL_PRICE * found.travel / self._full
         return total / len(self._tracks)
 
 
-class Tunable(Protocol):
-    """A controller whose gains can be exchanged."""
-
-    gains: Any
-
-    def retune(self, gains: Any) -> None:
-        """Exchange them."""
-
-
-def refine_gains(controller: Tunable, names: Sequence[str], trial: Trial, evaluations: int) -> None:
+def refine_gains(controller: Controller, names: Sequence[str], trial: Trial, evaluations: int) -> None:
     """Search the gains ``names`` of ``controller`` by Nelder and Mead on a logarithmic scale, the rest kept.
 
     Deterministic; leaves the best gains met, never worse than what it was given.
@@ -193,15 +184,19 @@ def refine_gains(controller: Tunable, names: Sequence[str], trial: Trial, evalua
         return met[-1][0]
 
     simplex = np.vstack([np.zeros(start.size), 0.4 * np.eye(start.size)])
-    options = {"maxfev": evaluations, "initial_simplex": simplex, "xatol": 0.02, "fatol": 1e-7}
-    minimize(cost, np.zeros(start.size), method="Nelder-Mead", options=options)
+    minimize(
+        cost,
+        np.zeros(start.size),
+        method="Nelder-Mead",
+        options={"maxfev": evaluations, "initial_simplex": simplex, "xatol": 0.02, "fatol": 1e-7},
+    )
     controller.retune(min(met)[2])
 
 
 BANDWIDTH_FACTORS = (0.7, 0.85, 1.0, 1.2, 1.45, 1.75)
 
 
-def refine_bandwidth(controller: Tunable, gains_at: Callable[[float], Any], trial: Trial) -> float:
+def refine_bandwidth(controller: Controller, gains_at: Callable[[float], Any], trial: Trial) -> float:
     """The factor on the bandwidth with the lowest cost; all gains keep the pole pattern of the formulas.
 
     gains_at : gains for a factor. Searching gains one by one would trade the damping that the formulas guarantee

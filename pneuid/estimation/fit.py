@@ -35,7 +35,7 @@ class Fit:
     """Result of an identification.
 
     stage : ``exact`` or ``relaxed``; values : all parameters, SI; nodes ``(ns, nint)`` and ``problem`` of the relaxed
-    solution, on which effects are screened; cost_per_sample : mean squared weighted residual (1 when only noise is left).
+    solution, on which effects are screened; loose_cost : relaxed cost with loose defects, comparable between models; cost_per_sample : mean squared weighted residual (1 when only noise is left).
     """
 
     plant: Plant
@@ -52,6 +52,7 @@ class Fit:
     iterations: int
     seconds: float
     relaxed: Outcome
+    loose_cost: float
     problem: Shooting
     exact: Outcome | None
     spread: Uncertainty | None
@@ -121,13 +122,13 @@ def fit(
     substeps = _substeps(plant, guess, ranges, dt)
     problem = problem_at(guess, substeps)
     X0 = problem.join(_inside(problem, guess), nodes)
-    soft, level = _relaxed_stage(problem, X0, monitor)
+    soft, level, loose = _relaxed_stage(problem, X0, monitor)
     values = dict(zip(free, problem.scaling.to_values(soft.X[: problem.nq]), strict=True))
     again = _substeps(plant, values, ranges, dt)
     if again > substeps:
         substeps = again
         problem = problem_at(values, substeps)
-        soft, level = _relaxed_stage(problem, problem.join(_inside(problem, values), problem.split(soft.X)[1]), monitor)
+        soft, level, loose = _relaxed_stage(problem, problem.join(_inside(problem, values), problem.split(soft.X)[1]), monitor)
         values = dict(zip(free, problem.scaling.to_values(soft.X[: problem.nq]), strict=True))
     tight = problem.relaxation == TIGHT
     hard = _exact_stage(problem, soft, monitor) if exact and tight and level < DEFECT_GATE else None
@@ -143,7 +144,7 @@ def fit(
         plant=plant, runs=runs, values={name: float(value) for name, value in values.items()}, ranges=ranges, noise=levels,
         substeps=substeps, stage="exact" if hard else "relaxed", converged=final.success,
         status=_words(soft, hard, level, problem.relaxation), cost_per_sample=2 * final.cost / max(problem.weighted, 1), defect_level=level,
-        iterations=soft.iterations + (hard.iterations if hard else 0), seconds=time.monotonic() - began, relaxed=soft,
+        iterations=soft.iterations + (hard.iterations if hard else 0), seconds=time.monotonic() - began, relaxed=soft, loose_cost=loose,
         problem=problem, exact=hard, spread=spread, verdicts=words, notes=sum((run.notes for run in runs), ()),
     )  # fmt: skip
 
@@ -153,17 +154,17 @@ def _inside(problem: Shooting, values: Mapping[str, float]) -> np.ndarray:
     return np.clip(q, problem.scaling.lower, problem.scaling.upper)
 
 
-def _relaxed_stage(problem: Shooting, X0: np.ndarray, monitor: Monitor | None) -> tuple[Outcome, float]:
+def _relaxed_stage(problem: Shooting, X0: np.ndarray, monitor: Monitor | None) -> tuple[Outcome, float, float]:
     """Loose defects first; tight ones where the model is near enough. Also the mean square of the defects."""
     links = max(problem.linked.size * problem.ns, 1)
     problem.relaxation = LOOSE
     soft = solve_relaxed(problem, X0, monitor)
-    level = 2 * soft.penalty / links
+    level, loose = 2 * soft.penalty / links, soft.cost + soft.penalty
     if level < TIGHTEN_BELOW:
         problem.relaxation = TIGHT
         soft = solve_relaxed(problem, soft.X, monitor)
         level = 2 * soft.penalty / links
-    return soft, level
+    return soft, level, loose
 
 
 def _exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Outcome | None:

@@ -1,0 +1,347 @@
+"""The decision: screen, refit the leading effects, judge on held-out runs, and again on the new model.
+
+Forward: the effect that lowers the held-out error most is accepted when the fall is more than noise alone would give, at
+least a tenth of the excess over the noise floor, and its parameters are inside their bounds. Backward: an accepted
+effect that later turns out to be unneeded is dropped. What is left over at the end decides between ``effect`` and
+``unknown``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.stats import chi2
+
+from pneuid.criticism.comparison import equation_defects
+from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
+from pneuid.criticism.ladder import Rung
+from pneuid.criticism.prediction import Frozen, NoiseFloor, noise_floor, predict, rmse
+from pneuid.criticism.screening import Score, screen
+from pneuid.effect import Effect
+from pneuid.estimation.fit import Fit, fit
+from pneuid.estimation.preparation import Run, prepare
+from pneuid.estimation.solver import Monitor
+from pneuid.plant import Plant
+from pneuid.recording import Recording
+
+LEAST_DROP = 15.0
+"""Predicted drop of half the sum of squares below which an effect is not refitted; null data stay below 5."""
+
+REFITS = 3
+"""Leading effects refitted per round, their group mates besides."""
+
+WORTH_REFITTING = 0.03
+"""Share of the leading effect's predicted drop below which another is not refitted."""
+
+LEAST_SHARE = 0.10
+"""Share of the excess over the noise floor that an effect must remove on held-out runs."""
+
+CLEAR_SHARE = 0.50
+"""Share of what is left that a later, weaker effect must remove when it is less than LEAST_SHARE of the first excess."""
+
+TELLING = 0.15
+"""Relative difference of two held-out excesses below which the data do not tell two effects of one group apart."""
+
+ADEQUATE_EXCESS = 0.15
+"""Held-out excess, relative to the squared noise floor, that counts as none."""
+
+MOST_EFFECTS = 4
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One fitted model on the held-out runs: weighted error (1 = noise only) and rmse per signal, SI."""
+
+    fit: Fit
+    error: float
+    train: dict[str, float]
+    hold_out: dict[str, float]
+    added: str | None = None
+
+
+@dataclass
+class Verdict:
+    """What ``diagnose`` returns: the diagnosis, the model it ends with, and the rungs climbed or rejected."""
+
+    diagnosis: Diagnosis
+    best: Fit
+    rungs: list[Rung] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """Held-out runs and the noise floor that errors are measured by."""
+
+    held: tuple[Recording, ...]
+    floor: NoiseFloor
+
+    def trial(self, found: Fit, added: str | None = None) -> Trial:
+        model = frozen_fit(found)
+        held = [prepare(run, found.plant, found.noise) for run in self.held]
+        on_held = rmse(predict(model, held), found.plant.outputs)
+        on_train = rmse(predict(model, found.runs), found.plant.outputs)
+        error = float(np.mean([(on_held[name] / self.floor.value[name]) ** 2 for name in on_held]))
+        return Trial(found, error if np.isfinite(error) else np.inf, on_train, on_held, added)
+
+    @property
+    def spread(self) -> float:
+        """1-sigma of the weighted error from noise alone, relative to 1."""
+        ratios = [self.floor.spread[name] / self.floor.value[name] for name in self.floor.value]
+        return float(2.0 * np.sqrt(np.mean(np.square(ratios))))
+
+
+def frozen_fit(found: Fit) -> Frozen:
+    """What prediction needs of a fit."""
+    return Frozen(found.plant, found.values, found.ranges, found.noise, found.substeps)
+
+
+def refit(base: Fit, effects: Sequence[Effect], start: dict[str, float], order: Sequence[str], monitor: Monitor | None) -> Fit:
+    """Fit the base model's effects plus ``effects``, warm from the base's values; ``start`` for the new parameters."""
+    position = {name: i for i, name in enumerate(order)}
+    every = sorted([*base.plant.effects, *effects], key=lambda effect: position.get(effect.name, len(position)))
+    plant = Plant(base.plant.rig, base.plant.law.name, every)
+    values = {**base.values, **{name: value for name, value in start.items() if name in plant.parameter_names}}
+    recordings = [run.recording for run in base.runs]
+    return fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs)
+
+
+def without(base: Fit, name: str, monitor: Monitor | None) -> Fit:
+    """Fit without one of the effects, warm from the values that remain."""
+    plant = Plant(base.plant.rig, base.plant.law.name, [effect for effect in base.plant.effects if effect.name != name])
+    values = {key: base.values[key] for key in plant.parameter_names}
+    recordings = [run.recording for run in base.runs]
+    return fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs)
+
+
+def diagnose(
+    base: Fit,
+    hold_out: Sequence[Recording],
+    catalogue: dict[str, Effect],
+    monitor: Monitor | None = None,
+    say: Say = lambda _: None,
+) -> Verdict:
+    """Which effects of ``catalogue`` the ``base`` fit lacks, judged on ``hold_out`` runs not used in the fit.
+
+    ``say`` receives one sentence per step. The catalogue's order is the order of maps at shared ports.
+    """
+    order = list(catalogue)
+    held_runs = [prepare(run, base.plant, base.noise) for run in hold_out]
+    judge = _Judge(tuple(hold_out), noise_floor(frozen_fit(base), held_runs))
+    current = judge.trial(base)
+    # a model that is far off has a floor of its own (larger) one; the best model's floor is the fair one
+    first, rungs, ranking, accepted = current, [_rung(current, judge, True)], {}, []
+    ambiguous: tuple[str, ...] = ()
+    for _ in range(MOST_EFFECTS):
+        scores = [score for score in screen(current.fit, list(catalogue.values()), order)]
+        for score in scores:
+            ranking.setdefault(score.effect.name, _screened(score))
+        say(_leading(scores))
+        trials = _refits(current, scores, judge, order, monitor, say)
+        judge, current, first, trials = _same_floor(judge, current, first, trials)
+        for score, trial in trials:
+            _record(ranking, score, trial, current, first, keep=bool(accepted))
+        chosen = _accepted(trials, current, first, judge)
+        for score, trial in trials:
+            if chosen is None or trial is not chosen[1]:
+                rungs.append(_rung(trial, judge, False))
+        if chosen is None:
+            break
+        rungs.append(_rung(chosen[1], judge, True))
+        ambiguous = _rivals(chosen, trials, current) if not accepted else ambiguous
+        accepted.append(chosen[0].effect.name)
+        say(f"{accepted[-1]} accepted: held-out error {np.sqrt(current.error):.1f} -> {np.sqrt(chosen[1].error):.1f} floors")
+        current = chosen[1]
+        if current.error - 1.0 < max(0.02, 3 * judge.spread) and current.fit.defect_level < 0.3:
+            break
+    accepted, current = _backward(accepted, current, first, judge, monitor, say)
+    found = _verdict(accepted, ambiguous, current, first, judge, ranking)
+    return Verdict(found, current.fit, rungs)
+
+
+def _screened(score: Score) -> Candidate:
+    return Candidate(score.effect.name, score.effect.equation, score.gain, indistinguishable_from=score.group)
+
+
+def _leading(scores: Sequence[Score]) -> str:
+    shown = ", ".join(f"{score.effect.name} {100 * score.gain:.1f} %" for score in scores[:3])
+    return f"screening predicts these drops of the cost: {shown}" if scores else "no candidate left to screen"
+
+
+def _refits(
+    current: Trial, scores: Sequence[Score], judge: _Judge, order: Sequence[str], monitor: Monitor | None, say: Say
+) -> list[tuple[Score, Trial]]:
+    """Refit the leading effects and their group mates."""
+    worth = [score for score in scores if score.drop > max(LEAST_DROP, WORTH_REFITTING * scores[0].drop)]
+    chosen = worth[:REFITS]
+    names = {score.effect.name for score in chosen}
+    mates = {name for score in chosen[:1] for name in score.group} - names
+    chosen += [score for score in scores if score.effect.name in mates and score.drop > LEAST_DROP]
+    found = []
+    for score in chosen:
+        say(f"refitting with {score.effect.name}")
+        fitted = refit(current.fit, [score.effect], score.start, order, monitor)
+        found.append((score, judge.trial(fitted, score.effect.name)))
+    return found
+
+
+def _same_floor(
+    judge: _Judge, current: Trial, first: Trial, trials: list[tuple[Score, Trial]]
+) -> tuple[_Judge, Trial, Trial, list[tuple[Score, Trial]]]:
+    """Measure everything by the floor of the best model so far: a poor model's own floor is too high."""
+    if not trials:
+        return judge, current, first, trials
+    best = min((trial for _, trial in trials), key=lambda trial: trial.error)
+    if best.error >= 0.8 * current.error:
+        return judge, current, first, trials
+    held = [prepare(run, best.fit.plant, best.fit.noise) for run in judge.held]
+    floor = noise_floor(frozen_fit(best.fit), held)
+    lower = {name: min(value, judge.floor.value[name]) for name, value in floor.value.items()}
+    judge = _Judge(judge.held, NoiseFloor(lower, floor.spread))
+
+    def again(trial: Trial) -> Trial:
+        error = float(np.mean([(trial.hold_out[name] / lower[name]) ** 2 for name in lower]))
+        return Trial(trial.fit, error if np.isfinite(error) else np.inf, trial.train, trial.hold_out, trial.added)
+
+    return judge, again(current), again(first), [(score, again(trial)) for score, trial in trials]
+
+
+def _explained(trial: Trial, before: Trial) -> float:
+    """Share of the excess of ``before`` that ``trial`` removes."""
+    excess = before.error - 1.0
+    return float((before.error - trial.error) / excess) if excess > 0 and np.isfinite(trial.error) else 0.0
+
+
+def _record(ranking: dict[str, Candidate], score: Score, trial: Trial, current: Trial, first: Trial, keep: bool) -> None:
+    """Put a refit's evidence into the ranking; that of the first round stands."""
+    name = score.effect.name
+    if keep and ranking[name].hold_out_error_ratio is not None:
+        return
+    drop = current.fit.loose_cost - trial.fit.loose_cost
+    ranking[name] = Candidate(
+        effect=name, equation=score.effect.equation, screen_gain=score.gain,
+        hold_out_error_ratio=float(np.sqrt(trial.error / current.error)) if np.isfinite(trial.error) else None,
+        excess_explained=_explained(trial, first), p_value=float(chi2.sf(max(2 * drop, 0.0), max(score.freedom, 1))),
+        indistinguishable_from=score.group,
+    )  # fmt: skip
+
+
+def _inside_bounds(score: Score, trial: Trial) -> bool:
+    """At least one amplitude of the effect has left its off-value, and none but shapes lies on a bound."""
+    names = set(score.start)
+    problem = trial.fit.problem
+    q = trial.fit.relaxed.X[: problem.nq]
+    width = problem.scaling.upper - problem.scaling.lower
+    on_bound = (q - problem.scaling.lower < 1e-4 * width) | (problem.scaling.upper - q < 1e-4 * width)
+    amplitudes = [j for j, item in enumerate(problem.declared) if item.name in names]
+    return not all(on_bound[j] for j in amplitudes)
+
+
+def _accepted(
+    trials: Sequence[tuple[Score, Trial]], current: Trial, first: Trial, judge: _Judge
+) -> tuple[Score, Trial] | None:
+    """The trial to accept, None where none qualifies."""
+    excess, original = current.error - 1.0, first.error - 1.0
+    good = []
+    for score, trial in trials:
+        fall = current.error - trial.error
+        share = fall / original >= LEAST_SHARE or fall / max(excess, 1e-12) >= CLEAR_SHARE
+        drop = current.fit.loose_cost - trial.fit.loose_cost
+        significant = drop > LEAST_DROP
+        if excess > 0 and fall > 3 * judge.spread and share and significant and _inside_bounds(score, trial):
+            good.append((score, trial))
+    return min(good, key=lambda item: item[1].error) if good else None
+
+
+def _rivals(chosen: tuple[Score, Trial], trials: Sequence[tuple[Score, Trial]], current: Trial) -> tuple[str, ...]:
+    """Members of the chosen effect's group that explain the held-out runs about as well."""
+    excess = max(current.error - 1.0, 1e-12)
+    best = chosen[1].error
+    return tuple(
+        score.effect.name
+        for score, trial in trials
+        if score is not chosen[0]
+        and (trial.error - best) / excess < TELLING
+        and (trial.error - 1.0) < 1.3 * max(best - 1.0, 0.05)
+        and (score.effect.name in chosen[0].group or chosen[0].effect.name in score.group)
+    )
+
+
+def _backward(
+    accepted: list[str], current: Trial, first: Trial, judge: _Judge, monitor: Monitor | None, say: Say
+) -> tuple[list[str], Trial]:
+    """Try to drop each accepted effect but the last; keep the smaller model where the held-out error hardly rises."""
+    for name in list(accepted[:-1]):
+        smaller = judge.trial(without(current.fit, name, monitor))
+        rise = smaller.error - current.error
+        if rise < max(3 * judge.spread, 0.02 * (first.error - 1.0)):
+            say(f"{name} dropped again: without it the held-out error stays")
+            accepted = [other for other in accepted if other != name]
+            current = smaller
+    return accepted, current
+
+
+def _rung(trial: Trial, judge: _Judge, accepted: bool) -> Rung:
+    names = tuple(effect.name for effect in trial.fit.plant.effects)
+    return Rung(
+        names, trial.added, accepted, trial.train, trial.hold_out, dict(judge.floor.value), len(trial.fit.plant.parameters)
+    )
+
+
+def _verdict(
+    accepted: list[str], ambiguous: tuple[str, ...], current: Trial, first: Trial, judge: _Judge, ranking: dict[str, Candidate]
+) -> Diagnosis:
+    order = sorted(ranking.values(), key=lambda item: (-(item.excess_explained or 0.0), -item.screen_gain))
+    lead = [item for name in accepted for item in order if item.effect == name]
+    ordered = tuple(lead + [item for item in order if item.effect not in accepted])
+    left = current.error - 1.0
+    small = max(ADEQUATE_EXCESS, 4 * judge.spread)
+    started, ended = np.sqrt(first.error), np.sqrt(current.error)
+    words = [f"held-out error: {started:.2f} times the noise floor before, {ended:.2f} after"]
+    if not accepted:
+        if left < small:
+            return Diagnosis("adequate", (), ordered, sentences=(*words, "nothing is missing above the noise"))
+        return Diagnosis("unknown", (), ordered, _rest(current), sentences=(*words, "the catalogue does not explain it"))
+    removed = (first.error - current.error) / max(first.error - 1.0, 1e-12)
+    words.append(f"{', '.join(accepted)}: {100 * removed:.1f} % of the base model's held-out excess explained")
+    if ambiguous and len(accepted) == 1:
+        return Diagnosis("ambiguous", (accepted[0], *ambiguous), ordered, sentences=tuple(words))
+    # most of the excess still there: what was found stands beside something the catalogue does not hold
+    if removed < 0.5 and left > small:
+        return Diagnosis("unknown", tuple(accepted), ordered, _rest(current), sentences=tuple(words))
+    return Diagnosis("effect", tuple(accepted), ordered, sentences=tuple(words))
+
+
+def _rest(trial: Trial) -> Unknown | None:
+    """The balance with the largest defect relative to what noise leaves, and the signal it follows most."""
+    defects = equation_defects(trial.fit)
+    if not defects:
+        return Unknown("force", ("x",), trial.hold_out.get("F", 0.0), "N")
+    worst = max(defects, key=lambda item: item.rms / max(item.expected_rms, 1e-12))
+    return Unknown(worst.equation, _follows(trial.fit, worst.equation), worst.rms, worst.unit)
+
+
+def _follows(found: Fit, equation: str) -> tuple[str, ...]:
+    """Signal over whose quantiles the defect's mean varies most."""
+    problem = found.problem
+    end, _ = problem.evaluate_values(found.relaxed.X)
+    state = {"force": "v", "pressure_1": "p1", "pressure_2": "p2"}[equation]
+    jump = problem.defects(end, found.relaxed.X)[:, problem.plant.states.index(state)]
+    _, nodes = problem.split(found.relaxed.X)
+    best, strength = "x", -1.0
+    for name in ("x", "v", "p1", "p2"):
+        signal = nodes[problem.plant.states.index(name)][problem.linked]
+        edges = np.unique(np.quantile(signal, np.linspace(0, 1, 13)))
+        place = np.clip(np.searchsorted(edges, signal) - 1, 0, edges.size - 2)
+        means = np.array([jump[place == k].mean() if np.any(place == k) else 0.0 for k in range(edges.size - 1)])
+        if means.var() > strength:
+            best, strength = name, float(means.var())
+    return (best,)
+
+
+def runs_of(found: Fit, recordings: Sequence[Recording]) -> list[Run]:
+    """Recordings made ready as for ``found``."""
+    return [prepare(run, found.plant, found.noise) for run in recordings]
