@@ -50,7 +50,8 @@ SWEEP = {
 } | {
     "interpreted, K = 25, one thread": replace(INTERPRETED, samples=25, threads=1),
     "interpreted, K = 25, mapaccum": replace(INTERPRETED, samples=25, chain="mapaccum"),
-    "compiled at -O1, K = 10": replace(COMPILED, samples=10, flags=("-O1",)),
+    "compiled at -O1, K = 5": replace(COMPILED, flags=("-O1",)),
+    "compiled, K = 5, default mu_init": replace(COMPILED, ipopt={"mu_init": 0.1}),
 }
 
 

@@ -111,11 +111,8 @@ class _Design(_Table):
     refine: bool = True
 
 
-_HiddenTable: Any = create_model(
-    "_HiddenTable",
-    __config__=ConfigDict(extra="forbid"),
-    **{name: (float, value) for name, value in vars(NOTHING).items()},
-)
+_AMPLITUDES: dict[str, Any] = {name: (float, value) for name, value in vars(NOTHING).items()}
+_HiddenTable: Any = create_model("_HiddenTable", __config__=ConfigDict(extra="forbid"), **_AMPLITUDES)
 
 
 class _Truth(_Table):

@@ -6,12 +6,10 @@ Example: ``python -m controllers.study --out study``. Without a scenario the shi
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import shutil
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -27,12 +25,13 @@ from controllers.registry import CONTROLLERS
 from controllers.scenario import Scenario, read_scenario
 from pneuid.errors import ComputationError, UserError
 from pneuid.resources import scenario_path
+from pneuid.terminal import add_output_options, result_folder, run_command, write_json
+from pneuid.virtual_rig.hidden import Hidden
 from pneuid.virtual_rig.truth import TruthServo
 
 SCHEMA = 1
-DEMO = Path("pneuid-demo/study")
 
-__all__ = ["main", "run_study", "save_study", "table"]
+__all__ = ["built_in_models", "main", "run_study", "save_study", "table"]
 
 
 def built_in_models(truth: TruthServo, design_supply: float) -> Models:
@@ -43,19 +42,38 @@ def built_in_models(truth: TruthServo, design_supply: float) -> Models:
     return {"pressure laws": exact, "constant friction": nominal_model(truth, frozen_at=design_supply)}
 
 
-def table(results: Sequence[Result], patm: float) -> Table:
-    """RMS and largest tracking error in mm, worst steady error and standstill motion in um, step time in us."""
-    shown = Table("controller", "model", "supply", "reference", "RMS mm", "max mm", "steady um", "p-p um", "step us")
-    for result in results:
-        m = result.metrics
-        numbers = ["diverged"] + [""] * 4
-        if m is not None:
-            lengths = ((m.rms, 1e3, 3), (m.peak, 1e3, 2), (m.worst_steady, 1e6, 0), (m.wander, 1e6, 0))
-            numbers = ["" if math.isnan(value) else f"{value * factor:.{digits}f}" for value, factor, digits in lengths]
-            numbers.append(f"{m.step_median * 1e6:.0f}")
-        pressure = f"{(result.supply - patm) / 1e5:.1f} bar"
-        shown.add_row(CONTROLLERS[result.controller].label, result.model, pressure, result.reference, *numbers)
+def table(results: Sequence[Result], model: str, patm: float) -> Table:
+    """One model's loops: RMS error in mm per reference (mean square over seeds), then the worst over the references of
+    largest error [mm], steady error and standstill motion [um], valve movement [V/s], and the step time [us]."""
+    own = [result for result in results if result.model == model]
+    references = list(dict.fromkeys(result.reference for result in own))
+    worst = ("max mm", "steady um", "p-p um", "valve V/s", "step us")
+    shown = Table("controller", "bar", *references, *worst, title=f"RMS tracking error in mm, model: {model}")
+    last = ""
+    for controller, supply in dict.fromkeys((result.controller, result.supply) for result in own):
+        chosen = [result for result in own if (result.controller, result.supply) == (controller, supply)]
+        cells = [_rms_cell([result for result in chosen if result.reference == reference]) for reference in references]
+        found = [result.metrics for result in chosen if result.metrics is not None]
+        cells.append(_largest((m.peak * 1e3 for m in found), 2))
+        cells.append(_largest((m.worst_steady * 1e6 for m in found), 0))
+        cells.append(_largest((m.wander * 1e6 for m in found), 0))
+        cells.append(_largest((m.travel for m in found), 0))
+        cells.append(_largest((m.step_median * 1e6 for m in found), 0))
+        label = CONTROLLERS[controller].label
+        shown.add_row("" if label == last else label, f"{(supply - patm) / 1e5:g}", *cells)
+        last = label
     return shown
+
+
+def _rms_cell(results: Sequence[Result]) -> str:
+    if any(result.metrics is None for result in results):
+        return "diverged"
+    return f"{1e3 * math.sqrt(sum(r.metrics.rms**2 for r in results if r.metrics) / len(results)):.3f}"
+
+
+def _largest(values: Iterable[float], digits: int) -> str:
+    known = [value for value in values if not math.isnan(value)]
+    return f"{max(known):.{digits}f}" if known else ""
 
 
 def save_study(results: Sequence[Result], scenario: Scenario, truth: TruthServo, folder: Path) -> list[Path]:
@@ -70,7 +88,7 @@ def save_study(results: Sequence[Result], scenario: Scenario, truth: TruthServo,
     ]  # fmt: skip
     written = folder / "study.json"
     content = {"schema": SCHEMA, "title": scenario.title, "design": _plain(scenario.design), "results": rows}
-    written.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
+    write_json(written, content)
     return [written, *save_figures(results, scenario.title, scenario.design.supply, truth.patm, folder)]
 
 
@@ -87,62 +105,43 @@ def _arguments() -> argparse.ArgumentParser:
         epilog="example: python -m controllers.study scenarios/pressure_grid.toml --out study",
     )
     parser.add_argument("scenario", nargs="?", type=Path, help="scenario file; the shipped pressure grid when left out")
-    parser.add_argument("--out", type=Path, help=f"folder for the results ({DEMO} when the shipped grid is played)")
-    parser.add_argument("--overwrite", action="store_true", help="replace results that --out holds already")
+    add_output_options(parser)
     parser.add_argument("--workers", type=int, help="processes on this machine (one per core when left out)")
     return parser
 
 
-def _prepare(out: Path | None, demo: bool, overwrite: bool) -> Path:
-    """An empty folder for the results. Raises ``UserError`` when it holds some and may not be replaced."""
-    if out is None and not demo:
-        raise UserError("--out is missing; name a folder for the results, such as --out study")
-    folder = out or DEMO
-    if (folder / "study.json").exists():
-        if not (overwrite or out is None):
-            raise UserError(f"{folder} holds a study already; give another --out or add --overwrite")
-        shutil.rmtree(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
-def _run(arguments: argparse.Namespace, console: Console) -> None:
-    folder = _prepare(arguments.out, arguments.scenario is None, arguments.overwrite)
-    scenario, truth, hidden = read_scenario(arguments.scenario or scenario_path("pressure_grid.toml"))
-    models = built_in_models(truth, scenario.design.supply)
-    began = time.monotonic()
+def _run(scenario: Scenario, models: Models, truth: TruthServo, hidden: Hidden, workers: int | None) -> list[Result]:
+    """The study with a live bar on the terminal."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("closed loops", total=None)
 
         def told(done: int, every: int) -> None:
             progress.update(task, completed=done, total=every)
 
-        results = run_study(scenario, models, truth, hidden, workers=arguments.workers, on_result=told)
+        return run_study(scenario, models, truth, hidden, workers=workers, on_result=told)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """The command. Raises ``UserError`` and ``ComputationError`` for ``run_command`` to report."""
+    arguments = _arguments().parse_args(argv)
+    if arguments.workers is not None and arguments.workers < 1:
+        raise UserError(f"--workers {arguments.workers}: must be at least 1")
+    scenario, truth, hidden = read_scenario(arguments.scenario or scenario_path("pressure_grid.toml"))
+    folder = result_folder(arguments.out, "study", arguments.scenario is None, arguments.overwrite)
+    models = built_in_models(truth, scenario.design.supply)
+    began = time.monotonic()
+    results = _run(scenario, models, truth, hidden, arguments.workers)
     paths = save_study(results, scenario, truth, folder)
-    console.print(table(results, truth.patm))
+    console = Console(width=None if sys.stdout.isatty() else 140)
+    for model in models:
+        console.print(table(results, model, truth.patm))
     console.print(f"{scenario.title}: {len(results)} closed loops in {time.monotonic() - began:.0f} s")
-    console.print("wrote " + ", ".join(str(path) for path in paths))
+    console.print("wrote " + ", ".join(str(path) for path in paths), soft_wrap=True)
+    console.print("next: python -m controllers.study --chain --out chain (measure, fit, diagnose, add, study again)")
     if all(result.metrics is None for result in results):
         raise ComputationError("every closed loop diverged; check the scenario's truth and design")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    arguments = _arguments().parse_args(argv)
-    console = Console(stderr=False)
-    try:
-        _run(arguments, console)
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except ComputationError as error:
-        print(f"failed: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return 130
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    run_command(main)

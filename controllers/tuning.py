@@ -148,6 +148,9 @@ MARGIN_DELAY = 2e-3
 TRAVEL_PRICE = 1e-6
 """Position error in m that is as bad as one full scale of valve movement per second."""
 
+LARGEST_TRAVEL = 300.0
+"""Valve movement in full scales per second that a design may ask for; beyond it the price is a hundredfold."""
+
 
 class Trial:
     """Closed loops on the model with a margin delay: the cost that refinement lowers."""
@@ -164,7 +167,8 @@ class Trial:
                 found = loop.metrics(loop.run(controller, self._plant, track, self._supply, seed=0))
             except ComputationError:
                 return 1.0
-            total += found.rms + TRAVEL_PRICE * found.travel / self._full
+            travel = found.travel / self._full
+            total += found.rms + TRAVEL_PRICE * (travel + 100.0 * max(travel - LARGEST_TRAVEL, 0.0))
         return total / len(self._tracks)
 
 
@@ -193,7 +197,7 @@ def refine_gains(controller: Controller, names: Sequence[str], trial: Trial, eva
     controller.retune(min(met)[2])
 
 
-BANDWIDTH_FACTORS = (0.7, 0.85, 1.0, 1.2, 1.45, 1.75)
+BANDWIDTH_FACTORS = (0.7, 0.85, 1.0, 1.2, 1.45, 1.75, 2.1)
 
 
 def refine_bandwidth(controller: Controller, gains_at: Callable[[float], Any], trial: Trial) -> float:

@@ -17,7 +17,11 @@ from pathlib import Path
 
 import casadi as ca
 
-_FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared")
+# not -ffast-math, which makes the whole process flush denormals; without the last two fmin and fmax are library calls
+_FLAGS = (
+    "-O3", "-march=native", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-ffinite-math-only",
+    "-fno-signed-zeros",
+)  # fmt: skip
 _TIMEOUT_SECONDS = 300
 
 

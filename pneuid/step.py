@@ -27,7 +27,7 @@ LARGEST_SUBSTEPS = 40
 def _relax(s: Any, source: Any, decay: Any, h: Any) -> Any:
     """Exact solution after ``h`` of ``ds/dt = source - decay s`` with both frozen."""
     q = ca.fmax(decay * h, 1e-12)
-    return s * ca.exp(-q) - source * h * ca.expm1(-q) / q
+    return s + (s - source * h / q) * ca.expm1(-q)
 
 
 def _advance(plant: Plant, s: Any, at: Any, h: Any) -> Any:

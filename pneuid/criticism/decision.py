@@ -32,8 +32,12 @@ LEAST_DROP = 15.0
 REFITS = 3
 """Leading effects refitted per round, their group mates besides."""
 
-WORTH_REFITTING = 0.03
+WORTH_REFITTING = 0.15
 """Share of the leading effect's predicted drop below which another is not refitted."""
+
+WORTH_ADDING = 0.01
+"""Predicted relative drop of the cost below which a later effect is not refitted: the right effect in the catalogue's form
+leaves up to that much to others where the rig's own form differs."""
 
 LEAST_SHARE = 0.10
 """Share of the excess over the noise floor that an effect must remove on held-out runs."""
@@ -46,6 +50,9 @@ TELLING = 0.15
 
 ADEQUATE_EXCESS = 0.15
 """Held-out excess, relative to the squared noise floor, that counts as none."""
+
+MOSTLY, MINOR = 0.9, 0.25
+"""Shares of the excess explained: below the first a rest is reported, below the second the rest is the verdict."""
 
 MOST_EFFECTS = 4
 
@@ -140,7 +147,7 @@ def diagnose(
         for score in scores:
             ranking.setdefault(score.effect.name, _screened(score))
         say(_leading(scores))
-        trials = _refits(current, scores, judge, order, monitor, say)
+        trials = _refits(current, scores, judge, order, WORTH_ADDING if accepted else 0.0, monitor, say)
         judge, current, first, trials = _same_floor(judge, current, first, trials)
         for score, trial in trials:
             _record(ranking, score, trial, current, first, keep=bool(accepted))
@@ -172,10 +179,12 @@ def _leading(scores: Sequence[Score]) -> str:
 
 
 def _refits(
-    current: Trial, scores: Sequence[Score], judge: _Judge, order: Sequence[str], monitor: Monitor | None, say: Say
-) -> list[tuple[Score, Trial]]:
+    current: Trial, scores: Sequence[Score], judge: _Judge, order: Sequence[str], least_gain: float,
+    monitor: Monitor | None, say: Say,
+) -> list[tuple[Score, Trial]]:  # fmt: skip
     """Refit the leading effects and their group mates."""
-    worth = [score for score in scores if score.drop > max(LEAST_DROP, WORTH_REFITTING * scores[0].drop)]
+    least = max(LEAST_DROP, WORTH_REFITTING * scores[0].drop) if scores else LEAST_DROP
+    worth = [score for score in scores if score.drop > least and score.gain >= least_gain]
     chosen = worth[:REFITS]
     names = {score.effect.name for score in chosen}
     mates = {name for score in chosen[:1] for name in score.group} - names
@@ -209,10 +218,10 @@ def _same_floor(
     return judge, again(current), again(first), [(score, again(trial)) for score, trial in trials]
 
 
-def _explained(trial: Trial, before: Trial) -> float:
-    """Share of the excess of ``before`` that ``trial`` removes."""
-    excess = before.error - 1.0
-    return float((before.error - trial.error) / excess) if excess > 0 and np.isfinite(trial.error) else 0.0
+def _explained(before: Trial, after: Trial, first: Trial) -> float:
+    """Share of the base model's excess that the step from ``before`` to ``after`` removes."""
+    excess = first.error - 1.0
+    return float((before.error - after.error) / excess) if excess > 0 and np.isfinite(after.error) else 0.0
 
 
 def _record(ranking: dict[str, Candidate], score: Score, trial: Trial, current: Trial, first: Trial, keep: bool) -> None:
@@ -224,7 +233,7 @@ def _record(ranking: dict[str, Candidate], score: Score, trial: Trial, current: 
     ranking[name] = Candidate(
         effect=name, equation=score.effect.equation, screen_gain=score.gain,
         hold_out_error_ratio=float(np.sqrt(trial.error / current.error)) if np.isfinite(trial.error) else None,
-        excess_explained=_explained(trial, first), p_value=float(chi2.sf(max(2 * drop, 0.0), max(score.freedom, 1))),
+        excess_explained=_explained(current, trial, first), p_value=float(chi2.sf(max(2 * drop, 0.0), max(score.freedom, 1))),
         indistinguishable_from=score.group,
     )  # fmt: skip
 
@@ -309,10 +318,12 @@ def _verdict(
     words.append(f"{', '.join(accepted)}: {100 * removed:.1f} % of the base model's held-out excess explained")
     if ambiguous and len(accepted) == 1:
         return Diagnosis("ambiguous", (accepted[0], *ambiguous), ordered, sentences=tuple(words))
-    # most of the excess still there: what was found stands beside something the catalogue does not hold
-    if removed < 0.5 and left > small:
-        return Diagnosis("unknown", tuple(accepted), ordered, _rest(current), sentences=tuple(words))
-    return Diagnosis("effect", tuple(accepted), ordered, sentences=tuple(words))
+    rest = _rest(current) if left > small and removed < MOSTLY else None
+    if rest is not None:
+        words.append("a part of the error remains that no effect of the catalogue explains")
+    # little of the excess gone: what was found stands beside something larger that the catalogue does not hold
+    verdict = "unknown" if rest is not None and removed < MINOR else "effect"
+    return Diagnosis(verdict, tuple(accepted), ordered, rest, sentences=tuple(words))
 
 
 def _rest(trial: Trial) -> Unknown | None:

@@ -30,7 +30,7 @@ RULES_PER_SIGNAL, RULES = 2, 5
 SECOND_EARNS, THIRD_EARNS = 1.15, 1.3
 """Factor by which a second and a third condition must raise the divergence."""
 
-SURE_LIFT, SURE = 1.3, 2.5
+SURE_LIFT, SURE = 1.3, 4.5
 """The lift must exceed the first by so many of its standard errors (jackknife over blocks)."""
 
 BLOCK_SECONDS = 0.2

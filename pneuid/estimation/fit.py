@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,10 @@ TIGHTEN_BELOW = 0.15
 DEFECT_GATE = 0.6
 """Mean square of the relaxed defects, in their own spread, above which the exact stage is not tried: the model is too
 wrong for it. A right model leaves about 0.15, a missing effect of twice the noise more than 1."""
+
+
+MISFIT = 1.2
+"""Mean squared weighted residual above which standard errors are widened by its root, and the status says so."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +140,10 @@ def fit(
     if hard is not None:
         problem.set_smoothing(FINE)
         spread = uncertainty(problem, hard.X)
+        misfit = 2 * hard.cost / max(problem.weighted, 1)
+        if misfit > MISFIT:
+            # the sensors' noise does not explain the residual: what does is unknown, its size is not
+            spread = replace(spread, std=spread.std * np.sqrt(misfit))
         words = dict(zip(free, verdicts(problem, hard.X, spread), strict=True))
         values = dict(zip(free, problem.scaling.to_values(hard.X[: problem.nq]), strict=True))
         problem.set_smoothing(COARSE)
@@ -143,7 +151,7 @@ def fit(
     return Fit(
         plant=plant, runs=runs, values={name: float(value) for name, value in values.items()}, ranges=ranges, noise=levels,
         substeps=substeps, stage="exact" if hard else "relaxed", converged=final.success,
-        status=_words(soft, hard, level, problem.relaxation), cost_per_sample=2 * final.cost / max(problem.weighted, 1), defect_level=level,
+        status=_words(soft, hard, level, problem.relaxation, 2 * final.cost / max(problem.weighted, 1)), cost_per_sample=2 * final.cost / max(problem.weighted, 1), defect_level=level,
         iterations=soft.iterations + (hard.iterations if hard else 0), seconds=time.monotonic() - began, relaxed=soft, loose_cost=loose,
         problem=problem, exact=hard, spread=spread, verdicts=words, notes=sum((run.notes for run in runs), ()),
     )  # fmt: skip
@@ -176,9 +184,12 @@ def _exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> O
     return hard if hard.success and sane else None
 
 
-def _words(soft: Outcome, hard: Outcome | None, level: float, relaxation: float) -> str:
+def _words(soft: Outcome, hard: Outcome | None, level: float, relaxation: float, misfit: float) -> str:
     if hard is not None:
-        return f"exact: continuity holds everywhere ({hard.status})"
+        words = f"exact: continuity holds everywhere ({hard.status})"
+        if misfit > MISFIT:
+            words += f"; residual {np.sqrt(misfit):.1f} times the sensors' noise, standard errors widened by as much"
+        return words
     jump = np.sqrt(level) * relaxation / TIGHT
     if jump**2 >= DEFECT_GATE:
         return (

@@ -7,6 +7,7 @@ plus the weak priors; the defect of an interval is its end state minus the next 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -33,7 +34,7 @@ LOOSE = 1.0
 TIGHT = 0.1
 """Spread of the defects of a model that lacks little: a tenth of 0.1 mm, 1 cm/s, 1 kPa and 10 um per interval."""
 
-THREADS = 2
+THREADS = int(os.environ.get("PNEUID_THREADS", "0")) or min(os.cpu_count() or 1, 8)
 
 
 class Scaling:

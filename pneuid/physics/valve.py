@@ -16,11 +16,12 @@ def flow_function(ratio: Expression, b: Expression, laminar: Expression) -> Expr
     the slope finite where the standard's ellipse is vertical.
     """
     edge = 1.0 - laminar
-    at_edge = ca.sqrt(1.0 - ((edge - b) / (1.0 - b)) ** 2)
+    per = 1.0 / (1.0 - b)
+    at_edge = ca.sqrt(1.0 - ((edge - b) * per) ** 2)
     # the root's argument is kept positive so that the branch not taken has a finite derivative
     inside = ca.fmin(ca.fmax(ratio, b), edge)
-    ellipse = ca.sqrt(1.0 - ((inside - b) / (1.0 - b)) ** 2)
-    return ca.if_else(ratio < edge, ellipse, at_edge * (1.0 - ratio) / laminar)
+    ellipse = ca.sqrt(1.0 - ((inside - b) * per) ** 2)
+    return ca.if_else(ratio < edge, ellipse, at_edge / laminar * (1.0 - ratio))
 
 
 def mass_flow(

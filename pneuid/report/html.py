@@ -36,7 +36,10 @@ class Items:
 
 @dataclass(frozen=True)
 class Table:
-    """Cells of plain text; ``align`` has one letter per column, l or r; rows of ``faint`` are set back."""
+    """Cells of plain text; rows of ``faint`` are set back.
+
+    align : one letter per column: l left, n left and kept on one line, r right and kept on one line.
+    """
 
     heads: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -83,14 +86,14 @@ def page(title: str, sections: Sequence[Section]) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(title)}</title><style>{_CSS}</style></head>\n"
         f'<body><main><h1>{escape(title)}</h1><nav aria-label="Sections">{links}</nav>\n{body}'
-        f"<footer>pneuid {escape(_version())}. Pressures are gauge, in kPa, unless a unit says otherwise; "
+        f"<footer>{escape(_version())}Pressures are gauge, in kPa, unless a unit says otherwise; "
         "x grows as the rod extends; chamber 1 is the cap side.</footer></main></body></html>\n"
     )
 
 
 def _version() -> str:
     try:
-        return metadata.version("pneuid")
+        return f"Made by pneuid {metadata.version('pneuid')}. "
     except metadata.PackageNotFoundError:
         return ""
 
@@ -150,7 +153,8 @@ ul {{ margin:.4rem 0; padding-left:1.3rem; max-width:48rem; overflow-wrap:anywhe
 table {{ border-collapse:collapse; font-size:.88rem; font-variant-numeric:tabular-nums; }}
 caption {{ text-align:left; color:var(--soft); padding-bottom:.3rem; }}
 th, td {{ padding:.28rem .8rem .28rem 0; border-bottom:1px solid var(--line); vertical-align:top; }}
-th {{ font-weight:600; white-space:nowrap; }} .l {{ text-align:left; }} .r {{ text-align:right; white-space:nowrap; }}
+th {{ font-weight:600; white-space:nowrap; }} .l, .n {{ text-align:left; }} .r {{ text-align:right; }}
+.r, .n {{ white-space:nowrap; }}
 tr.faint td {{ color:var(--soft); }}
 figure {{ margin:1rem 0; }}
 figure img {{ display:block; width:100%; height:auto; background:#fff; border:1px solid var(--line);
@@ -160,7 +164,7 @@ footer {{ margin-top:2.5rem; padding-top:.8rem; border-top:1px solid var(--line)
   font-size:.85rem; }}
 @media print {{
   :root {{ --ink:#000; --soft:#444; --line:#bbb; --paper:#fff; --panel:#f6f6f6; --link:#000; }}
-  body {{ font-size:10.5pt; }} main {{ max-width:none; padding:0; }} nav {{ display:none; }}
+  body {{ font-size:10pt; }} table {{ font-size:8.5pt; }} main {{ max-width:none; padding:0; }} nav {{ display:none; }}
   h2, caption {{ break-after:avoid; }} figure, tr, p {{ break-inside:avoid; }}
   figure img {{ border:0; max-height:23cm; object-fit:contain; object-position:left top; }}
   .wide {{ overflow:visible; }} @page {{ margin:16mm; }}

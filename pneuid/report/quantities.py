@@ -49,7 +49,8 @@ def number(value: float, digits: int = 3) -> str:
 
 def fixed(value: float, decimals: int) -> str:
     """So many decimals, thousands apart, a true minus sign."""
-    return f"{value:,.{decimals}f}".replace(",", " ").replace("-", "−")
+    # "+ 0.0" and the second rounding: never "-0"
+    return f"{round(value, decimals) + 0.0:,.{decimals}f}".replace(",", " ").replace("-", "−")
 
 
 def with_error(value: float, std: float | None) -> tuple[str, str]:
@@ -79,7 +80,9 @@ def percent(share: float) -> str:
 
 
 def probability(p: float) -> str:
-    """A p-value; below 1e-9 only that."""
-    if p < 1e-9:
-        return "< 10⁻⁹"
-    return f"{p:.2g}" if p >= 1e-3 else f"10{str(math.ceil(math.log10(p))).translate(_UPPER)} or less"
+    """A p-value with its sign: ``= 0.03``, ``< 10⁻⁵``, below 1e-9 only that."""
+    if p >= 1e-3:
+        return f"= {p:.2g}"
+    # the next power of ten above
+    exponent = -9 if p < 1e-9 else math.floor(math.log10(p)) + 1
+    return f"< 10{str(exponent).translate(_UPPER)}"

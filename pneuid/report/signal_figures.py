@@ -7,16 +7,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
 
 from pneuid.criticism.comparison import Comparison, SignalError
 from pneuid.criticism.prediction import AHEAD_SECONDS, Prediction
 from pneuid.plant import Plant
+from pneuid.report import style
 from pneuid.report.quantities import number, times
 from pneuid.report.style import (
-    FLOOR, FLOOR_BAND, FREE_RUN, MEASURED, NEUTRAL, RESIDUAL, SIMULATED, axis_label, error_unit, new_figure, plain,
-    quiet_grid, shown, styled, thinned,
-)  # fmt: skip
+    axis_label,
+    error_unit,
+    new_figure,
+    plain,
+    plain_log,
+    quiet_grid,
+    shown,
+    styled,
+    thinned,
+    ticks,
+)
 from pneuid.signals import PRESSURES, SIGNALS
 
 ROLE_WORDS = {"train": "training run", "hold_out": "held-out run"}
@@ -24,6 +32,8 @@ MAP_POINTS = 6000
 """Points of a residual map; more would only darken it."""
 
 ZOOM_SECONDS = 1.0
+LEAST_PRESSURE_RANGE = 10.0e3
+"""A pressure that varies less than this is no axis worth drawing, Pa."""
 
 
 def errors_of(comparison: Comparison, role: str) -> dict[str, SignalError]:
@@ -74,10 +84,16 @@ def _positive(floor: float) -> float:
 
 
 @styled
-def overlay(comparison: Comparison, run: int | None = None, span: tuple[float, float] | None = None) -> Figure:
+def overlay(
+    comparison: Comparison,
+    run: int | None = None,
+    span: tuple[float, float] | None = None,
+    mark: tuple[float, float] | None = None,
+) -> Figure:
     """Measured and predicted signals of one run, each with its error beneath; the command or speed at the bottom.
 
-    run : number of the prediction, the most telling one if None; span : from and to in s, the whole run if None.
+    run : number of the prediction, the most telling one if None; span : from and to in s, the whole run if None;
+    mark : a stretch (s) to shade.
     """
     k = telling_run(comparison) if run is None else run
     ahead, free = comparison.predictions[k], comparison.free[k]
@@ -93,7 +109,11 @@ def overlay(comparison: Comparison, run: int | None = None, span: tuple[float, f
     axes[-1].set_xlabel("t (s)")
     axes[-1].set_xlim(t0, t1)
     figure.align_ylabels(axes)
-    axes[0].set_title(f"{plain(ahead.run.name)}, {ROLE_WORDS[comparison.roles[k]]}")
+    if mark is not None:
+        for panel in axes:
+            panel.axvspan(*mark, color="#faf3dc", lw=0, zorder=0)
+    stretch = f", {t0:.2f} s to {t1:.2f} s" if span else ""
+    axes[0].set_title(f"{plain(ahead.run.name)}, {ROLE_WORDS[comparison.roles[k]]}{stretch}")
     figure.legend(handles=_overlay_legend(ahead is free), loc="outside upper left", ncols=5)
     return figure
 
@@ -101,13 +121,13 @@ def overlay(comparison: Comparison, run: int | None = None, span: tuple[float, f
 def _overlay_legend(same: bool) -> list[Line2D | Patch]:
     predicted = "predicted, whole run" if same else f"predicted {1e3 * AHEAD_SECONDS:.0f} ms ahead"
     handles: list[Line2D | Patch] = [
-        Line2D([], [], color=MEASURED, lw=1.6, label="measured"),
-        Line2D([], [], color=SIMULATED, label=predicted),
+        Line2D([], [], color=style.MEASURED, lw=1.6, label="measured"),
+        Line2D([], [], color=style.SIMULATED, label=predicted),
     ]
     if not same:
-        handles.append(Line2D([], [], color=FREE_RUN, ls="--", label="free run"))
-    handles.append(Line2D([], [], color=RESIDUAL, label="error: measured − predicted"))
-    handles.append(Patch(color=FLOOR, alpha=0.35, label=f"± {FLOOR_BAND:.0f} × noise floor"))
+        handles.append(Line2D([], [], color=style.FREE_RUN, ls="--", label="free run"))
+    handles.append(Line2D([], [], color=style.RESIDUAL, label="error: measured − predicted"))
+    handles.append(Patch(color=style.FLOOR, alpha=0.35, label=f"± {style.FLOOR_BAND:.0f} × noise floor"))
     return handles
 
 
@@ -121,10 +141,10 @@ def _trace(axes: Axes, ahead: Prediction, free: Prediction, i: int, patm: float,
         axes.plot(*thinned(t[near], values), style, color=color, lw=width, zorder=order)
         return np.asarray(values)
 
-    measured = draw(free, np.where(free.used[i], free.measured[i], np.nan), MEASURED, 1.6, 2)
-    near = draw(ahead, _broken(ahead, ahead.predicted[i]), SIMULATED, 1.1, 4)
+    measured = draw(free, np.where(free.used[i], free.measured[i], np.nan), style.MEASURED, 1.6, 2)
+    near = draw(ahead, _broken(ahead, ahead.predicted[i]), style.SIMULATED, 1.1, 4)
     if free is not ahead:
-        draw(free, free.predicted[i], FREE_RUN, 1.0, 3, "--")
+        draw(free, free.predicted[i], style.FREE_RUN, 1.0, 3, "--")
     # the frame is for measured and predicted; a free run that leaves it is seen to leave
     both = np.concatenate([measured, near])
     both = both[np.isfinite(both)]
@@ -133,7 +153,7 @@ def _trace(axes: Axes, ahead: Prediction, free: Prediction, i: int, patm: float,
         lowest, highest = float(both.min()) - 2 * margin, float(both.max()) + 2 * margin
         axes.set_ylim(lowest, highest)
     axes.set_ylabel(axis_label(signal))
-    axes.yaxis.set_major_locator(MaxNLocator(4))
+    axes.yaxis.set_major_locator(ticks(4))
 
 
 def _broken(item: Prediction, y: np.ndarray) -> np.ndarray:
@@ -155,13 +175,24 @@ def _error_strip(axes: Axes, ahead: Prediction, i: int, floor: float, span: tupl
     size = float(np.nanmax(np.abs(error))) if np.isfinite(error).any() else _positive(floor)
     unit = error_unit(signal, size)
     if np.isfinite(floor):
-        band = FLOOR_BAND * floor * unit.factor
-        axes.axhspan(-band, band, color=FLOOR, alpha=0.35, lw=0, zorder=1)
-    axes.plot(*thinned(t[inside], _broken_like(ahead, error, inside) * unit.factor), color=RESIDUAL, lw=0.9, zorder=3)
-    reach = 1.1 * max(size, FLOOR_BAND * floor if np.isfinite(floor) else 0.0) * unit.factor
+        band = style.FLOOR_BAND * floor * unit.factor
+        axes.axhspan(-band, band, color=style.FLOOR, alpha=0.35, lw=0, zorder=1)
+    axes.plot(
+        *thinned(t[inside], _broken_like(ahead, error, inside) * unit.factor), color=style.RESIDUAL, lw=0.9, zorder=3
+    )
+    reach = 1.1 * max(size, style.FLOOR_BAND * floor if np.isfinite(floor) else 0.0) * unit.factor
     axes.set_ylim(-reach, reach)
-    axes.yaxis.set_major_locator(MaxNLocator(3, symmetric=True))
+    axes.yaxis.set_major_locator(ticks(3))
     axes.set_ylabel(f"error\n({unit.unit})")
+
+
+def _frame(error: np.ndarray, band: float, most: float = 100.0) -> tuple[float, float]:
+    """Limits that hold ``most`` percent of the errors, the noise band and zero."""
+    good = error[np.isfinite(error)]
+    low, high = np.percentile(good, [100.0 - most, most]) if good.size else (0.0, 0.0)
+    band = band if np.isfinite(band) and band > 0 else 1e-12
+    low, high = min(float(low), -band), max(float(high), band)
+    return low - 0.08 * (high - low), high + 0.08 * (high - low)
 
 
 def _broken_like(item: Prediction, error: np.ndarray, inside: np.ndarray) -> np.ndarray:
@@ -173,9 +204,9 @@ def _context(axes: Axes, ahead: Prediction, span: tuple[float, float], patm: flo
     run = ahead.run
     signal = "u" if "u" in run.inputs else "v"
     near = (run.t >= span[0] - 0.05) & (run.t <= span[1] + 0.05)
-    axes.plot(*thinned(run.t[near], shown(signal, run.input(signal)[near], patm)), color=NEUTRAL, lw=1.1)
+    axes.plot(*thinned(run.t[near], shown(signal, run.input(signal)[near], patm)), color=style.NEUTRAL, lw=1.1)
     axes.set_ylabel(axis_label(signal))
-    axes.yaxis.set_major_locator(MaxNLocator(3))
+    axes.yaxis.set_major_locator(ticks(3))
 
 
 # --- residual map ---
@@ -198,16 +229,16 @@ def residual_map(comparison: Comparison) -> Figure:
         size = float(np.percentile(np.abs(good), 99.5)) if good.size else 1.0
         unit = error_unit(signal, size)
         for j, name in enumerate(against):
-            values = np.concatenate([_feature(item, name)[::thin] for item in items])
-            _map_panel(axes[i, j], shown(name, values, patm), error * unit.factor, floors[signal].noise_floor * unit.factor)
+            values = shown(name, np.concatenate([_feature(item, name)[::thin] for item in items]), patm)
+            _map_panel(axes[i, j], values, error * unit.factor, floors[signal].noise_floor * unit.factor)
             axes[-1, j].set_xlabel(axis_label(name))
-        reach = 1.15 * max(size, FLOOR_BAND * _positive(floors[signal].noise_floor) if good.size else 0.0) * unit.factor
-        axes[i, 0].set_ylim(-reach, reach)
+        band = style.FLOOR_BAND * floors[signal].noise_floor * unit.factor
+        axes[i, 0].set_ylim(*_frame(error * unit.factor, band, 99.8))
         axes[i, 0].set_ylabel(f"{SIGNALS[signal].symbol} error ({unit.unit})")
     handles = [
-        Line2D([], [], color=RESIDUAL, marker=".", ls="", alpha=0.6, label="error of one sample"),
-        Line2D([], [], color=MEASURED, lw=1.6, label="mean of bins"),
-        Patch(color=FLOOR, alpha=0.35, label=f"± {FLOOR_BAND:.0f} × noise floor"),
+        Line2D([], [], color=style.RESIDUAL, marker=".", ls="", alpha=0.6, label="error of one sample"),
+        Line2D([], [], color=style.MEASURED, lw=1.6, label="mean of bins"),
+        Patch(color=style.FLOOR, alpha=0.35, label=f"± {style.FLOOR_BAND:.0f} × noise floor"),
     ]
     figure.align_ylabels(axes[:, 0])
     figure.legend(handles=handles, loc="outside upper left", ncols=3)
@@ -238,25 +269,28 @@ def _map_features(items: list[Prediction], plant: Plant) -> list[str]:
         if name in PRESSURES and not all(name in item.run.recording.signals for item in items):
             continue
         values = np.concatenate([_feature(item, name) for item in items] or [np.zeros(1)])
-        if np.ptp(values) > 1e-6 * max(float(np.abs(values).max()), 1e-12):
+        low, high = np.percentile(values, [1, 99])
+        # a regulated pressure only shows its sensor's noise
+        if high - low > (LEAST_PRESSURE_RANGE if name in PRESSURES else 1e-9):
             found.append(name)
     return found or ["v"]
 
 
 def _map_panel(axes: Axes, values: np.ndarray, error: np.ndarray, floor: float) -> None:
     if np.isfinite(floor):
-        axes.axhspan(-FLOOR_BAND * floor, FLOOR_BAND * floor, color=FLOOR, alpha=0.35, lw=0, zorder=1)
-    axes.plot(values, error, ".", color=RESIDUAL, ms=1.6, alpha=0.25, rasterized=True, zorder=2)
+        axes.axhspan(-style.FLOOR_BAND * floor, style.FLOOR_BAND * floor, color=style.FLOOR, alpha=0.35, lw=0, zorder=1)
+    axes.plot(values, error, ".", color=style.RESIDUAL, ms=1.6, alpha=0.25, rasterized=True, zorder=2)
     good = np.isfinite(error)
-    edges = np.linspace(*np.percentile(values, [0.5, 99.5]), 25)
+    low, high = np.percentile(values, [0.5, 99.5])
+    edges = np.linspace(float(low), float(high), 25)
     if good.sum() > 50 and edges[-1] > edges[0]:
         which = np.clip(np.digitize(values[good], edges) - 1, 0, 23)
         count = np.bincount(which, minlength=24)
         mean = np.bincount(which, error[good], minlength=24) / np.maximum(count, 1)
         centre = 0.5 * (edges[1:] + edges[:-1])
-        axes.plot(centre, np.where(count >= 8, mean, np.nan), color=MEASURED, lw=1.6, zorder=4)
-    axes.xaxis.set_major_locator(MaxNLocator(4))
-    axes.yaxis.set_major_locator(MaxNLocator(5))
+        axes.plot(centre, np.where(count >= 8, mean, np.nan), color=style.MEASURED, lw=1.6, zorder=4)
+    axes.xaxis.set_major_locator(ticks(4))
+    axes.yaxis.set_major_locator(ticks(5))
 
 
 # --- errors ---
@@ -267,49 +301,57 @@ def errors_bar(comparison: Comparison) -> Figure:
     """Error over noise floor per signal on training and held-out runs (bars) and in free run (marks), log axis."""
     roles = [role for role, found in (("train", comparison.train), ("hold_out", comparison.hold_out)) if found]
     outputs = comparison.model.plant.outputs
-    figure = new_figure(0.9 + 0.42 * len(outputs) * max(len(roles), 1))
+    rows = [(signal, role) for signal in outputs for role in roles]
+    figure = new_figure(1.1 + 0.34 * len(rows))
     axes = figure.subplots()
-    y, ticks, names = 0.0, [], []
-    largest = 1.0
-    for signal in outputs:
-        for role in roles:
-            item = errors_of(comparison, role)[signal]
-            largest = max(largest, _error_row(axes, y, signal, item, role))
-            ticks.append(y)
-            names.append(f"{SIGNALS[signal].symbol}, {'held out' if role == 'hold_out' else 'training'}")
-            y += 1.0
-        y += 0.5
-    axes.axvline(1.0, color=FLOOR, lw=2.5, zorder=1)
+    # the two roles of a signal stand together
+    at = [k + 0.6 * (k // max(len(roles), 1)) for k in range(len(rows))]
+    reached = [1.0]
+    for y, (signal, role) in zip(at, rows, strict=True):
+        reached += _error_row(axes, y, signal, errors_of(comparison, role)[signal], role)
+    axes.axvline(1.0, color=style.FLOOR, lw=2.5, zorder=1)
     axes.set_xscale("log")
-    # room for the words at the right of the longest bar
-    axes.set_xlim(0.8, max(largest, 2.0) ** 1.6)
-    axes.set_yticks(ticks, names)
-    axes.invert_yaxis()
-    axes.set_xlabel("error / noise floor")
+    axes.set_xlim(0.85 * min(reached), max(1.25 * max(reached), 3.0))
+    plain_log(axes.xaxis)
+    names = {"train": "training", "hold_out": "held out"}
+    axes.set_yticks(at, [f"{SIGNALS[signal].symbol}, {names[role]}" for signal, role in rows])
+    axes.set_ylim(len(rows) + 0.6 * len(outputs) - 0.9, -0.7)
+    axes.set_xlabel("error / noise floor (both rms)")
     quiet_grid(axes, "x")
-    handles = [Patch(color=NEUTRAL, label="training"), Patch(color=SIMULATED, label="held out")]
-    handles = [handle for handle, role in zip(handles, ("train", "hold_out"), strict=True) if role in roles]
-    extra = [Line2D([], [], color=FLOOR, lw=2.5, label="noise floor")]
-    if comparison.model.plant.servo:
-        extra.insert(0, Line2D([], [], color=FREE_RUN, marker="|", ms=10, mew=2.5, ls="", label="free run"))
-    figure.legend(handles=[*handles, *extra], loc="outside upper left", ncols=4)
+    figure.legend(handles=_error_legend(roles, comparison.model.plant.servo), loc="outside upper left", ncols=4)
     return figure
 
 
-def _error_row(axes: Axes, y: float, signal: str, item: SignalError, role: str) -> float:
-    """One bar with its words; returns the largest ratio drawn."""
+def _error_legend(roles: list[str], servo: bool) -> list[Line2D]:
+    def dot(color: str, label: str) -> Line2D:
+        return Line2D([], [], color=color, marker="o", ms=8, lw=3, label=label)
+
+    handles = [dot(style.NEUTRAL, "training runs")] if "train" in roles else []
+    handles += [dot(style.SIMULATED, "held-out runs")] if "hold_out" in roles else []
+    if servo:
+        handles.append(Line2D([], [], color=style.FREE_RUN, marker="|", ms=12, mew=2.5, ls="", label="free run"))
+    return [*handles, Line2D([], [], color=style.FLOOR, lw=2.5, label="noise floor")]
+
+
+def _error_row(axes: Axes, y: float, signal: str, item: SignalError, role: str) -> list[float]:
+    """One mark on its stem from the noise floor, with its words at the right; returns the ratios drawn."""
     floor = _positive(item.noise_floor)
-    ratio, free = item.rmse / floor, item.free_run_rmse / floor
-    color = SIMULATED if role == "hold_out" else NEUTRAL
-    reached = [value for value in (ratio, free) if np.isfinite(value)]
-    end = max([*reached, 1.0])
-    if np.isfinite(ratio):
-        axes.barh(y, ratio - 0.8, left=0.8, height=0.72, color=color, zorder=2)
+    color = style.SIMULATED if role == "hold_out" else style.NEUTRAL
+    drawn = []
+    words = "diverged"
+    if np.isfinite(item.rmse):
+        drawn.append(item.rmse / floor)
+        axes.plot([1.0, drawn[0]], [y, y], color=color, lw=3, zorder=2, solid_capstyle="butt")
+        axes.plot(drawn[0], y, "o", color=color, ms=8, zorder=4)
         unit = error_unit(signal, item.rmse)
-        words = f"{number(item.rmse * unit.factor)} {unit.unit}, {times(ratio)}"
-    else:
-        words = "diverged"
-    if np.isfinite(free) and free != ratio:
-        axes.plot(free, y, "|", color=FREE_RUN, ms=13, mew=2.5, zorder=3)
-    axes.annotate(words, (end, y), (8, 0), textcoords="offset points", va="center", fontsize=8.5)
-    return end
+        words = f"{number(item.rmse * unit.factor)} {unit.unit} = {times(drawn[0])}"
+    if item.free_run_rmse != item.rmse:
+        if np.isfinite(item.free_run_rmse):
+            drawn.append(item.free_run_rmse / floor)
+            axes.plot(drawn[-1], y, "|", color=style.FREE_RUN, ms=12, mew=2.5, zorder=3)
+            unit = error_unit(signal, item.free_run_rmse)
+            words += f"; free run {number(item.free_run_rmse * unit.factor)} {unit.unit}"
+        else:
+            words += "; free run diverged"
+    axes.text(1.01, y, words, transform=axes.get_yaxis_transform(), va="center", fontsize=8.5)
+    return drawn

@@ -16,7 +16,9 @@ from typing import Any, ParamSpec
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from pneuid.signals import PRESSURES, SIGNALS
 from pneuid.units import to_display
@@ -43,7 +45,7 @@ PNG_DPI = 120
 FLOOR_BAND = 2.0
 """Half width of the noise band in noise floors: 95 % of what noise alone does."""
 
-_RC: dict[str, Any] = {
+_RC: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
     "axes.titlesize": 10.0,
@@ -176,6 +178,19 @@ def thinned(t: np.ndarray, y: np.ndarray, points: int = 2400) -> tuple[np.ndarra
     kept = np.arange(stretches)[:, None] * size + np.column_stack([low, high, first_gap])
     kept = np.unique(np.minimum(kept, y.size - 1))
     return t[kept], y[kept]
+
+
+def ticks(most: int) -> MaxNLocator:
+    """At most so many ticks, on round numbers."""
+    return MaxNLocator(most, steps=[1, 2, 2.5, 5, 10])
+
+
+def plain_log(axis: Axis) -> None:
+    """Ticks of a logarithmic axis as 1, 10, 100 and not as powers; 2 and 5 between where there is one decade."""
+    low, high = sorted(axis.get_view_interval())
+    axis.set_major_locator(LogLocator(10, subs=(1.0,) if high > 30 * low else (1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def quiet_grid(axes: Axes, axis: str) -> None:

@@ -1,0 +1,167 @@
+"""The whole sentence: measure, fit, see where it fails, name what is missing, add it, and control before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from controllers.figures import draw_errors
+from controllers.grid import Result, run_study
+from controllers.registry import CONTROLLERS
+from controllers.scenario import Scenario, read_scenario
+from pneuid import api
+from pneuid.criticism.comparison import Comparison
+from pneuid.criticism.decision import Verdict
+from pneuid.criticism.ladder import Rung, to_json
+from pneuid.diagnose import verdict_lines
+from pneuid.errors import ComputationError
+from pneuid.identify import rung_of
+from pneuid.model import Model
+from pneuid.report import sections
+from pneuid.report.html import Paragraph, Picture, Section, Table, write_report
+from pneuid.report.summary import metrics_json, summary_lines
+from pneuid.story import Runs, demo_runs
+from pneuid.terminal import Progress, write_json
+from pneuid.virtual_rig.truth import TruthServo
+
+BEFORE, AFTER = "before", "after"
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Everything that the story produced."""
+
+    before: Comparison
+    verdict: Verdict
+    after: Comparison
+    results: list[Result]
+    rungs: list[Rung]
+
+
+def run_chain(runs: Runs, scenario_file: Path, progress: Progress, workers: int | None) -> tuple[Chain, Scenario, TruthServo]:
+    """Fit, diagnose, add and study. Raises ``ComputationError`` when no effect is named, so nothing can be added."""
+    progress.doing(f"fitting the base model to {len(runs.train)} runs")
+    base = api.fit(runs.rig, runs.train, name="base model", hold_out=runs.hold_out, monitor=progress.monitor)
+    progress.doing("comparing it with the recordings")
+    before = base.compare(runs.train, runs.hold_out)
+    verdict = api.diagnose(base, runs.train, runs.hold_out, progress.monitor, progress.doing)
+    named = verdict.diagnosis.effects
+    if not named:
+        raise ComputationError(f"the diagnosis says '{verdict.diagnosis.verdict}' and names no effect, so none is added")
+    added = named if verdict.diagnosis.verdict != "ambiguous" else named[:1]
+    progress.doing(f"fitting again with {', '.join(added)}")
+    better = api.fit(
+        runs.rig, runs.train, add=added, start=verdict.best.values, name=f"with {', '.join(added)}", hold_out=runs.hold_out,
+        monitor=progress.monitor,
+    )  # fmt: skip
+    after = better.compare(runs.train, runs.hold_out)
+    scenario, truth, hidden = read_scenario(scenario_file)
+    models = {label: (model.plant, model.theta()) for label, model in _models(before, after).items()}
+    progress.doing("closed loops on the virtual rig, controllers made from the model before and after")
+    results = run_study(scenario, models, truth, hidden, workers=workers)
+    rejected = [rung for rung in verdict.rungs if not rung.accepted]
+    rungs = [rung_of(before, None), *rejected, rung_of(after, ", ".join(added))]
+    return Chain(before, verdict, after, results, rungs), scenario, truth
+
+
+def _models(before: Comparison, after: Comparison) -> dict[str, Model]:
+    return {BEFORE: before.model, AFTER: after.model}
+
+
+def tracking_rows(results: Sequence[Result], patm: float) -> list[tuple[str, str, float, float, float]]:
+    """``(controller, reference, supply in bar gauge, RMS error in mm before, after)``; NaN where a loop diverged."""
+    rms: dict[tuple[str, str, float], dict[str, float]] = {}
+    for result in results:
+        key = (CONTROLLERS[result.controller].label, result.reference, (result.supply - patm) / 1e5)
+        rms.setdefault(key, {})[result.model] = float("nan") if result.metrics is None else 1e3 * result.metrics.rms
+    return [(*key, value.get(BEFORE, float("nan")), value.get(AFTER, float("nan"))) for key, value in rms.items()]
+
+
+def write_chain(chain: Chain, scenario: Scenario, truth: TruthServo, folder: Path) -> Path:
+    """Models, metrics, diagnosis, ladder and one report; returns the report's path."""
+    for label, comparison in ((BEFORE, chain.before), (AFTER, chain.after)):
+        (folder / label).mkdir(exist_ok=True)
+        write_json(folder / label / "metrics.json", metrics_json(comparison))
+        comparison.model.save(folder / label / "model.json")
+    diagnosis = chain.verdict.diagnosis
+    write_json(folder / "diagnosis.json", {**diagnosis.to_dict(), "rungs": to_json(chain.verdict.rungs)})
+    write_json(folder / "ladder.json", to_json(chain.rungs))
+    rows = tracking_rows(chain.results, truth.patm)
+    keys = ("controller", "reference", "supply_bar_gauge", "rms_mm_before", "rms_mm_after")
+    tracked = [dict(zip(keys, [None if item != item else item for item in row], strict=True)) for row in rows]
+    write_json(folder / "tracking.json", tracked)
+    parts = [
+        sections.summary(chain.before),
+        sections.diagnosis_verdict(diagnosis),
+        sections.ladder_section(chain.rungs),
+        sections.ranking_section(diagnosis),
+        _tracking_section(chain.results, rows, scenario, truth),
+        sections.parameters(chain.after.model),
+        sections.errors(chain.after),
+        sections.where_it_fails(chain.before),
+        sections.overlays(chain.before),
+        sections.data_section(chain.before),
+    ]
+    path = folder / "report.html"
+    write_report(path, f"From measurement to control: {', '.join(diagnosis.effects)} found and added", parts)
+    return path
+
+
+def _tracking_section(results: Sequence[Result], rows: Sequence[tuple], scenario: Scenario, truth: TruthServo) -> Section:
+    references = list(dict.fromkeys(result.reference for result in results))
+    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
+    for axes, reference in zip(figure.subplots(1, len(references), squeeze=False)[0], references, strict=True):
+        draw_errors(axes, results, reference, truth.patm)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize="small")
+    cells = tuple(
+        (label, reference, f"{bar:g}", f"{was:.3f}", f"{now:.3f}", f"{100 * (now / was - 1):+.0f} %") for label, reference, bar, was, now in rows
+    )
+    heads = ("controller", "reference", "supply, bar gauge", "RMS before, mm", "RMS after, mm", "change")
+    words = (
+        "Every controller was made twice with the same rules, from the model before and after the missing effect was added, "
+        f"tuned for {(scenario.design.supply - truth.patm) / 1e5:g} bar gauge and run unchanged at the other supplies, on the "
+        "virtual rig that was recorded. Controllers that use no friction model are there as the baseline."
+    )
+    alt = "RMS tracking error per supply pressure, controllers made from the model before and after"
+    return Section(
+        "What it is worth in closed loop", (Paragraph(words), Picture(figure, alt), Table(heads, cells, align="lnrrrr"))
+    )
+
+
+def play(folder: Path, workers: int | None, runs: Runs, scenario_file: Path) -> None:
+    """The command behind ``--chain``: progress, a summary on the terminal, the report."""
+    with Progress() as progress:
+        chain, scenario, truth = run_chain(runs, scenario_file, progress, workers)
+        progress.doing("writing the report")
+        path = write_chain(chain, scenario, truth, folder)
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    console.print("BEFORE")
+    for line in summary_lines(chain.before):
+        console.print(line)
+    console.print("DIAGNOSIS")
+    for line in verdict_lines(chain.verdict.diagnosis):
+        console.print(line)
+    console.print("AFTER")
+    for line in summary_lines(chain.after):
+        console.print(line)
+    console.print(
+        f"held-out error: {chain.before.weighted_error() ** 0.5:.2f} times the noise floor before, "
+        f"{chain.after.weighted_error() ** 0.5:.2f} after"
+    )
+    console.print("TRACKING, RMS in mm, controllers made from the model before -> after")
+    for label, reference, bar, was, now in tracking_rows(chain.results, truth.patm):
+        console.print(f"  {label:42s} {reference:12s} {bar:3g} bar  {was:7.3f} -> {now:7.3f}  ({100 * (now / was - 1):+.0f} %)")
+    console.print(f"report: {path}")
+    console.print("next: python -m pneuid.identify --help (your own data), python -m controllers.study (the whole grid)")
+
+
+def play_demo(folder: Path, workers: int | None) -> None:
+    """The embedded story."""
+    from pneuid.resources import scenario_path
+
+    play(folder, workers, demo_runs(), scenario_path("demo/study.toml"))

@@ -1,0 +1,146 @@
+"""What a notebook user types: ``pneuid.fit``, and the verbs on the model it returns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pneuid import model as model_file
+from pneuid.criticism import decision
+from pneuid.criticism.comparison import Comparison, compare, frozen
+from pneuid.criticism.diagnosis import Diagnosis
+from pneuid.criticism.prediction import predict_free
+from pneuid.effects import CATALOGUE, effects_by_name
+from pneuid.errors import UserError
+from pneuid.estimation.fit import Fit
+from pneuid.estimation.fit import fit as estimate
+from pneuid.estimation.preparation import prepare
+from pneuid.estimation.solver import Monitor
+from pneuid.model import Estimate, Model, model_of
+from pneuid.physics.friction import LAWS
+from pneuid.plant import Plant
+from pneuid.recording import Recording
+from pneuid.rig import Rig
+
+
+@dataclass(frozen=True)
+class IdentifiedModel:
+    """An identified model and, when it was fitted in this session, the fit behind it."""
+
+    content: Model
+    fitted: Fit | None = None
+
+    @property
+    def parameters(self) -> tuple[Estimate, ...]:
+        """Parameters with values, standard errors and verdicts, SI."""
+        return self.content.parameters
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameter values by name, SI."""
+        return self.content.values
+
+    def compare(self, runs: Sequence[Recording], hold_out: Sequence[Recording] = ()) -> Comparison:
+        """Errors per signal on ``runs`` and ``hold_out``, where they are, and which balance leaves a defect."""
+        return compare(self.content, runs, hold_out, self.fitted)
+
+    def diagnose(
+        self, runs: Sequence[Recording], hold_out: Sequence[Recording] = (), monitor: Monitor | None = None
+    ) -> Diagnosis:
+        """Which effects of the catalogue are missing; the last run is held out where ``hold_out`` is empty."""
+        return diagnose(self, runs, hold_out, monitor).diagnosis
+
+    def simulate(self, run: Recording) -> dict[str, np.ndarray]:
+        """Outputs ``(N,)`` of a free run over the recorded inputs, SI, absolute pressures."""
+        still = frozen(self.content)
+        found = predict_free(still, [prepare(run, still.plant, self.content.noise)])[0]
+        return dict(zip(still.plant.outputs, found.predicted, strict=True))
+
+    def save(self, path: str | Path) -> None:
+        """Write model.json."""
+        self.content.save(path)
+
+
+def fit(
+    rig: Rig,
+    runs: Sequence[Recording],
+    *,
+    add: Sequence[str] = (),
+    drop: Sequence[str] = (),
+    friction: str | None = None,
+    start: Mapping[str, float] | None = None,
+    name: str = "model",
+    hold_out: Sequence[Recording] = (),
+    parent: str | None = None,
+    monitor: Monitor | None = None,
+) -> IdentifiedModel:
+    """Identify a model of ``rig`` from ``runs``.
+
+    add, drop : effects of the catalogue beside the rig's ``base_effects``; friction : law instead of the rig's;
+    start : parameter values (SI) to start from. Raises ``UserError`` for unknown names or unusable data.
+    """
+    plant = plant_of(rig, add, drop, friction)
+    found = estimate(plant, runs, start, monitor=monitor)
+    return IdentifiedModel(model_of(found, name, hold_out, parent), found)
+
+
+def plant_of(rig: Rig, add: Sequence[str] = (), drop: Sequence[str] = (), friction: str | None = None) -> Plant:
+    """The symbolic system of a rig with its base effects, plus ``add``, less ``drop``."""
+    law = friction or rig.friction
+    if law not in LAWS:
+        raise UserError(f"friction law '{law}' is not known; choose one of {', '.join(LAWS)}")
+    names = list(dict.fromkeys([*rig.base_effects, *add]))
+    for name in drop:
+        if name not in names:
+            raise UserError(f"effect '{name}' cannot be dropped: the model has {', '.join(names) or 'no effects'}")
+    chosen = effects_by_name([name for name in names if name not in drop])
+    for effect in chosen:
+        if rig.kind not in effect.rigs:
+            raise UserError(f"effect '{effect.name}' cannot show on a {rig.kind} rig; it needs {' or '.join(effect.rigs)}")
+    return Plant(rig, law, chosen)
+
+
+def load(path: str | Path) -> IdentifiedModel:
+    """Read model.json. Raises ``UserError`` for anything else."""
+    return IdentifiedModel(model_file.load(path))
+
+
+def refitted(model: IdentifiedModel, runs: Sequence[Recording], monitor: Monitor | None = None) -> Fit:
+    """The fit behind a model, made again from its own values where the model came from a file."""
+    if model.fitted is not None:
+        return model.fitted
+    return estimate(model.content.plant, runs, model.values, model.content.noise or None, monitor, exact=False)
+
+
+def diagnose(
+    model: IdentifiedModel,
+    runs: Sequence[Recording],
+    hold_out: Sequence[Recording] = (),
+    monitor: Monitor | None = None,
+    say: decision.Say = lambda _: None,
+) -> decision.Verdict:
+    """As ``IdentifiedModel.diagnose``, with the rungs climbed; ``say`` receives a sentence per step."""
+    train, held = list(runs), list(hold_out)
+    fitted = model.fitted
+    if not held:
+        train, held = _held_back(train, model.content.rig)
+        say(f"no held-out run given: {', '.join(run.name for run in held)} is held back from the fit")
+        fitted = None
+    base = fitted or refitted(IdentifiedModel(model.content), train, monitor)
+    return decision.diagnose(base, held, CATALOGUE, monitor, say)
+
+
+def _held_back(runs: list[Recording], rig: Rig) -> tuple[list[Recording], list[Recording]]:
+    """Keep the last run back; a single run is cut in two with a gap of a twentieth between."""
+    if len(runs) > 1:
+        return runs[:-1], runs[-1:]
+    run = runs[0]
+    first, second = int(0.65 * run.n), int(0.7 * run.n)
+    parts = []
+    for label, cut in (("first part", slice(0, first)), ("last part", slice(second, None))):
+        signals = {name: run.signals[name][cut] for name in run.recorded if name != "t"}
+        parts.append(Recording.from_arrays(f"{run.name} ({label})", rig, t=run.t[cut] - run.t[cut][0], **signals))
+    return parts[:1], parts[1:]

@@ -1,0 +1,69 @@
+"""``python -m pneuid.compare``: hold a model against recordings."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from pneuid import api, identify
+from pneuid.errors import UserError
+from pneuid.report.reports import compare_report
+from pneuid.report.summary import metrics_json, summary_lines
+from pneuid.story import demo_runs, read_runs
+from pneuid.terminal import DEMO_ROOT, Progress, add_output_options, result_folder, run_command, write_json
+
+_EXAMPLE = """example:
+  python -m pneuid.compare monday/model.json --data tue_1.csv tue_2.csv --out tuesday
+without MODEL the embedded demonstration is compared (and identified first where needed)"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    found = argparse.ArgumentParser(
+        prog="python -m pneuid.compare", description="Compare a model with recordings and show where it fails.",
+        epilog=_EXAMPLE, formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    found.add_argument("model", nargs="?", metavar="MODEL", help="model.json of a fit")
+    found.add_argument("--data", nargs="+", metavar="RUN", default=[], help="recordings to compare with")
+    add_output_options(found)
+    return found
+
+
+def demo_model(overlooked: Path = Path(DEMO_ROOT)) -> Path:
+    """model.json of the embedded story; identified first where it is missing."""
+    path = overlooked / "identify" / "model.json"
+    if not path.exists():
+        identify.main([])
+    return path
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command. Raises ``UserError`` for bad input."""
+    given = parser().parse_args(arguments)
+    if bool(given.model) != bool(given.data):
+        raise UserError("MODEL and --data belong together; see --help for an example")
+    embedded = not given.model
+    model = api.load(demo_model() if embedded else given.model)
+    if embedded:
+        story = demo_runs()
+        runs, held = story.train, story.hold_out
+    else:
+        runs, held = read_runs(given.data, model.content.rig), []
+    folder = result_folder(given.out, "compare", embedded, given.overwrite)
+    with Progress() as progress:
+        progress.doing(f"simulating {len(runs) + len(held)} runs")
+        comparison = model.compare(runs, held)
+    write_json(folder / "metrics.json", metrics_json(comparison))
+    compare_report(folder / "report.html", comparison)
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    for line in summary_lines(comparison):
+        console.print(line)
+    console.print(f"report: {folder / 'report.html'}")
+    console.print("next: python -m pneuid.diagnose" + ("" if embedded else f" {given.model} --data RUN... --out DIR"))
+
+
+if __name__ == "__main__":
+    run_command(main)

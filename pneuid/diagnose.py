@@ -1,0 +1,98 @@
+"""``python -m pneuid.diagnose``: which physical effect is missing."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from pneuid import api
+from pneuid.compare import demo_model
+from pneuid.criticism.diagnosis import Diagnosis
+from pneuid.criticism.ladder import to_json
+from pneuid.errors import UserError
+from pneuid.report.reports import diagnose_report
+from pneuid.story import demo_runs, read_runs
+from pneuid.terminal import Progress, add_output_options, result_folder, run_command, write_json
+
+_EXAMPLE = """example:
+  python -m pneuid.diagnose monday/model.json --data mon_1.csv mon_2.csv --hold-out tue_1.csv --out why
+without MODEL the embedded demonstration is diagnosed (and identified first where needed)"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    found = argparse.ArgumentParser(
+        prog="python -m pneuid.diagnose", description="Name the physical effect that the model lacks.", epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    found.add_argument("model", nargs="?", metavar="MODEL", help="model.json of a fit")
+    found.add_argument("--data", nargs="+", metavar="RUN", default=[], help="recordings the model is refitted on")
+    found.add_argument("--hold-out", nargs="+", metavar="RUN", default=[], help="recordings to judge by")
+    add_output_options(found)
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command. Raises ``UserError`` for bad input."""
+    given = parser().parse_args(arguments)
+    if bool(given.model) != bool(given.data):
+        raise UserError("MODEL and --data belong together; see --help for an example")
+    embedded = not given.model
+    path = demo_model() if embedded else given.model
+    model = api.load(path)
+    if embedded:
+        story = demo_runs()
+        runs, held = story.train, story.hold_out
+    else:
+        every = read_runs([*given.data, *given.hold_out], model.content.rig)
+        runs, held = every[: len(given.data)], every[len(given.data) :]
+    folder = result_folder(given.out, "diagnose", embedded, given.overwrite)
+    with Progress() as progress:
+        progress.doing("fitting the model again on its relaxed problem")
+        found = api.diagnose(model, runs, held, progress.monitor, progress.doing)
+        progress.doing("comparing the model as it was with the recordings")
+        comparison = model.compare(runs, held)
+    diagnosis = found.diagnosis
+    diagnose_report(folder / "report.html", comparison, diagnosis, found.rungs)
+    write_json(folder / "diagnosis.json", {**diagnosis.to_dict(), "rungs": to_json(found.rungs)})
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    for line in verdict_lines(diagnosis):
+        console.print(line)
+    console.print(f"report: {folder / 'report.html'}")
+    console.print(f"next: {_next(diagnosis, str(path), given, str(folder), embedded)}")
+
+
+def verdict_lines(diagnosis: Diagnosis) -> list[str]:
+    """The verdict and its evidence, a line each."""
+    words = {
+        "adequate": "nothing is missing above the noise",
+        "effect": f"missing: {', '.join(diagnosis.effects)}",
+        "ambiguous": f"missing: one of {', '.join(diagnosis.effects)}; these data cannot tell which",
+        "unknown": "something is missing that the catalogue does not hold",
+    }
+    lines = [f"verdict: {diagnosis.verdict} - {words[diagnosis.verdict]}", *diagnosis.sentences]
+    for item in diagnosis.ranking[:4]:
+        tested = "screened only" if item.excess_explained is None else f"explains {100 * item.excess_explained:.1f} % held out"
+        lines.append(f"  {item.effect:20s} predicted drop of the cost {100 * item.screen_gain:5.1f} %, {tested}")
+    if diagnosis.unknown is not None:
+        rest = diagnosis.unknown
+        where = ", ".join(rest.depends_on)
+        lines.append(f"unexplained: {rest.rms:.3g} {rest.unit} rms in equation {rest.equation}, follows {where}")
+    return lines
+
+
+def _next(diagnosis: Diagnosis, path: str, given: argparse.Namespace, folder: str, embedded: bool) -> str:
+    if diagnosis.verdict != "effect":
+        return "look at the report, then record what it asks for"
+    data = "scenarios/demo/train_*.csv" if embedded else " ".join(given.data)
+    added = " ".join(diagnosis.effects)
+    command = f"python -m pneuid.identify --from {path} --data {data} --add {added}"
+    if embedded:
+        return f"{command} --diagnosis {folder}/diagnosis.json --out better (or python -m controllers.study --chain)"
+    return f"{command} --diagnosis {folder}/diagnosis.json --out DIR"
+
+
+if __name__ == "__main__":
+    run_command(main)

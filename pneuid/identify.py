@@ -1,0 +1,125 @@
+"""``python -m pneuid.identify``: fit the model to recordings."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from pneuid import api
+from pneuid.criticism.comparison import Comparison
+from pneuid.criticism.diagnosis import Diagnosis
+from pneuid.criticism.ladder import Rung, from_json, read_ladder, to_json
+from pneuid.errors import UserError
+from pneuid.model import file_sha256
+from pneuid.physics.friction import LAWS
+from pneuid.report.reports import identify_report
+from pneuid.report.summary import metrics_json, summary_lines
+from pneuid.rig import Rig
+from pneuid.story import Runs, demo_runs, read_runs
+from pneuid.terminal import Progress, add_output_options, result_folder, run_command, write_json
+
+_EXAMPLE = """example:
+  python -m pneuid.identify --rig rig.toml --data mon_1.csv mon_2.csv --hold-out tue_1.csv --out monday
+without --rig and --data the embedded demonstration is identified into pneuid-demo/identify"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    found = argparse.ArgumentParser(
+        prog="python -m pneuid.identify", description="Identify the model of a rig from recordings.", epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    found.add_argument("--rig", metavar="rig.toml", help="description of the rig")
+    found.add_argument("--from", dest="parent", metavar="MODEL", help="start from an identified model.json instead of --rig")
+    found.add_argument("--data", nargs="+", metavar="RUN", default=[], help="recordings to fit")
+    found.add_argument("--hold-out", nargs="+", metavar="RUN", default=[], help="recordings kept from the fit, to judge by")
+    found.add_argument("--friction", choices=tuple(LAWS), help="friction law instead of the rig's")
+    found.add_argument("--add", nargs="+", metavar="EFFECT", default=[], help="effects of the catalogue to add")
+    found.add_argument("--drop", nargs="+", metavar="EFFECT", default=[], help="effects to leave out")
+    found.add_argument("--diagnosis", metavar="FILE", help="diagnosis.json whose rejected rungs join the ladder")
+    add_output_options(found)
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command. Raises ``UserError`` for bad input."""
+    given = parser().parse_args(arguments)
+    if given.rig and given.parent:
+        raise UserError("--rig and --from: give one of them; --from takes the rig from the model")
+    embedded = not (given.rig or given.parent or given.data)
+    if not embedded and not (given.data and (given.rig or given.parent)):
+        raise UserError("--data and one of --rig or --from belong together; see --help for an example")
+    parent = api.load(given.parent) if given.parent else None
+    runs = demo_runs() if embedded else _runs(given, parent)
+    # names are checked before the folder is made, so that a slip leaves nothing behind
+    add = [*(parent.content.effects if parent else ()), *given.add]
+    friction = given.friction or (parent.content.friction if parent else None)
+    api.plant_of(runs.rig, add, given.drop, friction)
+    before = _ladder(given, parent)
+    folder = result_folder(given.out, "identify", embedded, given.overwrite)
+    with Progress() as progress:
+        progress.doing(f"fitting {len(runs.train)} runs, {sum(run.n for run in runs.train)} samples")
+        model = api.fit(
+            runs.rig, runs.train, add=add, drop=given.drop, friction=friction, name=folder.name,
+            start=parent.values if parent else None, hold_out=runs.hold_out,
+            parent=file_sha256(given.parent) if given.parent else None, monitor=progress.monitor,
+        )  # fmt: skip
+        progress.doing("comparing with the recordings")
+        comparison = model.compare(runs.train, runs.hold_out)
+    rungs = [*before, rung_of(comparison, ", ".join(given.add) or None)]
+    write_results(folder, model, comparison, rungs)
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    for line in summary_lines(comparison):
+        console.print(line)
+    console.print(f"report: {folder / 'report.html'}")
+    data = " ".join(given.data)
+    more = f" {folder / 'model.json'} --data {data} --hold-out RUN --out DIR" if given.data else ""
+    console.print(f"next: python -m pneuid.diagnose{more}")
+
+
+def _runs(given: argparse.Namespace, parent: api.IdentifiedModel | None) -> Runs:
+    rig = parent.content.rig if parent else Rig.from_toml(given.rig)
+    every = read_runs([*given.data, *given.hold_out], rig)
+    return Runs(rig, every[: len(given.data)], every[len(given.data) :])
+
+
+def _ladder(given: argparse.Namespace, parent: api.IdentifiedModel | None) -> list[Rung]:
+    """Rungs so far: those beside the parent model, then what the diagnosis tried and rejected."""
+    rungs = read_ladder(Path(given.parent).parent / "ladder.json") if parent else []
+    if given.diagnosis:
+        try:
+            raw = json.loads(Path(given.diagnosis).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise UserError(f"{given.diagnosis}: cannot read the diagnosis: {error}") from error
+        tried = from_json(raw.get("rungs", []), given.diagnosis) if isinstance(raw, dict) else []
+        rungs += [rung for rung in tried if not rung.accepted]
+    return rungs
+
+
+def rung_of(comparison: Comparison, added: str | None) -> Rung:
+    """The ladder's rung for a compared model."""
+    floors = comparison.hold_out or comparison.train
+    return Rung(
+        effects=comparison.model.effects, added=added, accepted=True,
+        train={name: item.rmse for name, item in comparison.train.items()},
+        hold_out={name: item.rmse for name, item in comparison.hold_out.items()},
+        noise_floor={name: item.noise_floor for name, item in floors.items()}, parameters=len(comparison.model.parameters),
+    )  # fmt: skip
+
+
+def write_results(
+    folder: Path, model: api.IdentifiedModel, comparison: Comparison, rungs: list[Rung], diagnosis: Diagnosis | None = None
+) -> None:
+    """model.json, ladder.json, metrics.json and report.html; the model last, so that its presence means complete."""
+    write_json(folder / "ladder.json", to_json(rungs))
+    write_json(folder / "metrics.json", metrics_json(comparison))
+    identify_report(folder / "report.html", comparison, rungs, diagnosis)
+    model.save(folder / "model.json")
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,50 @@
+"""Results in words and in the numbers that scripts read back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pneuid.criticism.comparison import Comparison, SignalError
+from pneuid.signals import SIGNALS
+from pneuid.units import to_display
+
+
+def metrics_json(comparison: Comparison) -> dict[str, Any]:
+    """The content of metrics.json; a diverged simulation is null."""
+    return {
+        "schema": 1,
+        "signals": {name: _numbers(item) for name, item in comparison.train.items()},
+        "hold_out": {name: _numbers(item) for name, item in comparison.hold_out.items()},
+        "where": [vars(region) for region in comparison.where],
+        "defects": [vars(defect) for defect in comparison.defects],
+    }
+
+
+def _numbers(item: SignalError) -> dict[str, Any]:
+    finite = {key: (value if value == value and abs(value) != float("inf") else None)
+              for key, value in vars(item).items() if not isinstance(value, str)}  # fmt: skip
+    return {"unit": item.unit, **finite}
+
+
+def summary_lines(comparison: Comparison) -> list[str]:
+    """A short account for the terminal: parameters, errors against the noise floor, where the model fails."""
+    model = comparison.model
+    lines = [f"model: {model.friction} + {', '.join(model.effects) or 'no effects'}; {model.fit.status}"]
+    for item in model.parameters:
+        error = "" if item.std is None else f" ± {item.std:.2g}"
+        owner = f" ({item.effect})" if item.effect else ""
+        lines.append(f"  {item.name:12s} {item.value:12.6g}{error} {item.unit}  {item.verdict}{owner}")
+    for role, errors in (("training", comparison.train), ("held-out", comparison.hold_out)):
+        for name, found in errors.items():
+            unit = SIGNALS[name].display_unit
+            size, floor = (to_display(value, found.unit, unit) for value in (found.rmse, found.noise_floor))
+            times = found.rmse / found.noise_floor if found.noise_floor > 0 else float("nan")
+            lines.append(
+                f"{role} error of {name}: {size:.4g} {unit} ({times:.1f} times the noise floor of {floor:.3g} {unit})"
+            )
+    lines += [
+        f"where: {100 * region.share:.0f} % of the {region.signal} error in {100 * region.samples:.0f} % of the samples: "
+        f"{region.region}"
+        for region in comparison.where
+    ]
+    return lines

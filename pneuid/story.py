@@ -1,0 +1,44 @@
+"""The embedded story: the demonstration's files, and what each command finds where it was given nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pneuid.api import IdentifiedModel
+from pneuid.errors import UserError
+from pneuid.recording import Recording
+from pneuid.resources import scenario_path
+from pneuid.rig import Rig
+
+
+@dataclass(frozen=True)
+class Runs:
+    """A rig with the recordings to fit and those held out."""
+
+    rig: Rig
+    train: list[Recording]
+    hold_out: list[Recording]
+
+
+def demo_runs() -> Runs:
+    """The demonstration data shipped with the package: a servo rig with a hidden effect."""
+    folder = scenario_path("demo")
+    rig = Rig.from_toml(folder / "rig.toml")
+    train = [Recording.read(path, rig) for path in sorted(folder.glob("train_*.csv"))]
+    hold_out = [Recording.read(path, rig) for path in sorted(folder.glob("hold_out_*.csv"))]
+    return Runs(rig, train, hold_out)
+
+
+def read_runs(paths: list[str], rig: Rig) -> list[Recording]:
+    """Recordings of the named files. Raises ``UserError`` for a file that is named twice or cannot be used."""
+    names = [Path(path).name for path in paths]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise UserError(f"{', '.join(sorted(twice))}: named twice; every run needs a file name of its own")
+    return [Recording.read(path, rig) for path in paths]
+
+
+def stated_sources(model: IdentifiedModel, role: str) -> list[str]:
+    """Files that the model was fitted on (``train``) or kept from the fit (``hold_out``)."""
+    return [item.file for item in model.content.data if item.role == role]
