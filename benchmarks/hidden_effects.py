@@ -19,58 +19,21 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pneuid import Recording, Rig, api
+from controllers.measure import measured_runs
+from pneuid import api
 from pneuid.criticism.decision import diagnose
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import fit
-from pneuid.virtual_rig import ATMOSPHERE, HIDDEN_EFFECTS, NOTHING, TruthServo, record_servo
-
-RUNS = (("multisine", 3.0), ("steps", 5.0), ("slow", 7.0), ("multisine", 5.0), ("steps", 7.0))
-"""Excitation and supply (bar gauge): three to train, two held out."""
-
-
-def rig_of(truth: TruthServo, supplies: dict[str, float]) -> Rig:
-    """What the engineer knows: dimensions from the data sheet, the valve's conductance 20 % off."""
-    return Rig.from_dict(
-        {
-            "kind": "servo",
-            "conventions": {"pressure": "gauge"},
-            "cylinder": {
-                "bore": f"{truth.bore * 1e3!r} mm", "rod": f"{truth.rod_2 * 1e3!r} mm", "stroke": f"{truth.stroke * 1e3!r} mm",
-                "dead_volume_1": f"{truth.dead_volume_1 * 1e6!r} cm^3", "dead_volume_2": f"{truth.dead_volume_2 * 1e6!r} cm^3",
-            },
-            "load": {"mass": f"{truth.mass!r} kg"},
-            "valve": {
-                "conductance": f"{truth.conductance * 0.8!r} m^3/(s*Pa)", "critical_ratio": truth.critical_ratio,
-                "full_scale": f"{truth.full_scale!r} V", "null": f"{truth.null!r} V",
-            },
-            "supply": {"pressure": "600 kPa"},
-            "sensors": {"x": "20 um", "p1": "0.5 kPa", "p2": "0.5 kPa"},
-            "runs": {name: {"supply": f"{bar * 100!r} kPa"} for name, bar in supplies.items()},
-        }
-    )  # fmt: skip
-
-
-def record(hidden_name: str, strength: str, seed: int) -> tuple[Rig, list[Recording]]:
-    """The five runs of one case."""
-    truth = TruthServo()
-    hidden = HIDDEN_EFFECTS[hidden_name][strength] if hidden_name != "none" else NOTHING
-    names = [f"run_{i}.csv" for i in range(len(RUNS))]
-    rig = rig_of(truth, {name: bar for name, (_, bar) in zip(names, RUNS, strict=True)})
-    runs = []
-    for i, (name, (excitation, bar)) in enumerate(zip(names, RUNS, strict=True)):
-        made = record_servo(truth, hidden, excitation, 6.0, seed * 100 + i, supply=bar * 1e5 + ATMOSPHERE)
-        runs.append(Recording.from_arrays(name, rig, **made))
-    return rig, runs
-
+from pneuid.virtual_rig import HIDDEN_EFFECTS, NOTHING, TruthServo
 
 def case(hidden_name: str, strength: str, seed: int) -> dict:
     """One case from recording to verdict."""
     warnings.simplefilter("ignore")
-    rig, runs = record(hidden_name, strength, seed)
+    hidden = HIDDEN_EFFECTS[hidden_name][strength] if hidden_name != "none" else NOTHING
+    runs = measured_runs(TruthServo(), hidden, seed)
     began = time.monotonic()
-    base = fit(api.plant_of(rig), runs[:3], exact=False)
-    found = diagnose(base, runs[3:], CATALOGUE)
+    base = fit(api.plant_of(runs.rig), runs.train, exact=False)
+    found = diagnose(base, runs.hold_out, CATALOGUE)
     diagnosis = found.diagnosis
     rungs = [rung for rung in found.rungs if rung.accepted]
     floor = found.rungs[-1].noise_floor

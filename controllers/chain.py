@@ -11,6 +11,7 @@ from rich.console import Console
 
 from controllers.figures import draw_errors
 from controllers.grid import Result, run_study
+from controllers.measure import measured_runs
 from controllers.registry import CONTROLLERS
 from controllers.scenario import Scenario, read_scenario
 from pneuid import api
@@ -24,6 +25,7 @@ from pneuid.model import Model
 from pneuid.report import sections
 from pneuid.report.html import Paragraph, Picture, Section, Table, write_report
 from pneuid.report.summary import metrics_json, summary_lines
+from pneuid.resources import scenario_path
 from pneuid.story import Runs, demo_runs
 from pneuid.terminal import Progress, write_json
 from pneuid.virtual_rig.truth import TruthServo
@@ -160,8 +162,10 @@ def play(folder: Path, workers: int | None, runs: Runs, scenario_file: Path) -> 
     console.print("next: python -m pneuid.identify --help (your own data), python -m controllers.study (the whole grid)")
 
 
-def play_demo(folder: Path, workers: int | None) -> None:
-    """The embedded story."""
-    from pneuid.resources import scenario_path
-
-    play(folder, workers, demo_runs(), scenario_path("demo/study.toml"))
+def play_scenario(folder: Path, workers: int | None, scenario_file: Path | None) -> None:
+    """The embedded story, or the same on recordings of the virtual rig of a scenario."""
+    if scenario_file is None:
+        play(folder, workers, demo_runs(), scenario_path("demo/study.toml"))
+        return
+    _, truth, hidden = read_scenario(scenario_file)
+    play(folder, workers, measured_runs(truth, hidden), scenario_file)

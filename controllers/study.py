@@ -106,6 +106,10 @@ def _arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument("scenario", nargs="?", type=Path, help="scenario file; the shipped pressure grid when left out")
     add_output_options(parser)
+    parser.add_argument(
+        "--chain", action="store_true",
+        help="measure, fit, diagnose, add what is missing, and study the controllers before and after",
+    )  # fmt: skip
     parser.add_argument("--workers", type=int, help="processes on this machine (one per core when left out)")
     return parser
 
@@ -127,6 +131,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     arguments = _arguments().parse_args(argv)
     if arguments.workers is not None and arguments.workers < 1:
         raise UserError(f"--workers {arguments.workers}: must be at least 1")
+    if arguments.chain:
+        # imported here: the study alone needs neither identification nor reports
+        from controllers.chain import play_scenario
+
+        folder = result_folder(arguments.out, "chain", arguments.scenario is None, arguments.overwrite)
+        play_scenario(folder, arguments.workers, arguments.scenario)
+        return
     scenario, truth, hidden = read_scenario(arguments.scenario or scenario_path("pressure_grid.toml"))
     folder = result_folder(arguments.out, "study", arguments.scenario is None, arguments.overwrite)
     models = built_in_models(truth, scenario.design.supply)

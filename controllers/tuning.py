@@ -148,9 +148,6 @@ MARGIN_DELAY = 2e-3
 TRAVEL_PRICE = 1e-6
 """Position error in m that is as bad as one full scale of valve movement per second."""
 
-LARGEST_TRAVEL = 300.0
-"""Valve movement in full scales per second that a design may ask for; beyond it the price is a hundredfold."""
-
 
 class Trial:
     """Closed loops on the model with a margin delay: the cost that refinement lowers."""
@@ -167,8 +164,7 @@ class Trial:
                 found = loop.metrics(loop.run(controller, self._plant, track, self._supply, seed=0))
             except ComputationError:
                 return 1.0
-            travel = found.travel / self._full
-            total += found.rms + TRAVEL_PRICE * (travel + 100.0 * max(travel - LARGEST_TRAVEL, 0.0))
+            total += found.rms + TRAVEL_PRICE * found.travel / self._full
         return total / len(self._tracks)
 
 

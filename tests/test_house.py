@@ -28,8 +28,10 @@ ROOMS: tuple[tuple[str, ...], ...] = (
     ("estimation",),
     ("model",),
     ("criticism",),
+    ("api",),
     ("",),  # pneuid/__init__.py, the front door
     ("report",),
+    ("story", "terminal"),  # what commands share: the demonstration, the options and the progress bar
     ("workbench",),
     ("identify", "compare", "diagnose", "bench", "fleet"),
 )
@@ -38,9 +40,11 @@ ROOMS: tuple[tuple[str, ...], ...] = (
 FRONT = next(rank for rank, names in enumerate(ROOMS) if "" in names)
 COMMANDS = len(ROOMS) - 1
 VIRTUAL_RIG_MAY_IMPORT = {"errors", "signals", "units", "virtual_rig"}
-VIRTUAL_RIG_USERS = set(ROOMS[COMMANDS]) | {"workbench"}
+VIRTUAL_RIG_USERS = set(ROOMS[COMMANDS]) | {"story", "workbench"}
 
-MAY_TOUCH_FILES = ("formats", "rig", "recording", "model", "compiled", "virtual_rig.files", "report", "resources")
+MAY_TOUCH_FILES = (
+    "formats", "rig", "recording", "model", "compiled", "virtual_rig.files", "report", "resources", "story",
+)  # fmt: skip
 FILE_FUNCTIONS = {"print", "open", "input", "exec", "eval"}
 FILE_METHODS = {
     "read_text", "read_bytes", "write_text", "write_bytes", "unlink", "mkdir", "rmdir", "touch", "savefig",
@@ -150,7 +154,7 @@ def direction_faults(name: str, source: str, is_package: bool = False) -> list[s
 def purity_faults(name: str, source: str, is_package: bool = False) -> list[str]:
     """What ``name`` does that belongs to another room: printing, plotting, arguments, files."""
     faults = []
-    command = is_command(name)
+    command = is_command(name) or within(name, ("pneuid.terminal",))
     for target in imports(name, source, is_package):
         top = target.split(".")[0]
         allowed = within(name, FIGURE_MODULES) if top == "matplotlib" else command

@@ -30,8 +30,11 @@ RULES_PER_SIGNAL, RULES = 2, 5
 SECOND_EARNS, THIRD_EARNS = 1.15, 1.3
 """Factor by which a second and a third condition must raise the divergence."""
 
-SURE_LIFT, SURE = 1.3, 4.5
-"""The lift must exceed the first by so many of its standard errors (jackknife over blocks)."""
+SURE_LIFT, SURE = 1.3, 4.0
+"""The lift must exceed the first by so many of its standard errors (jackknife over blocks): many rules are tried."""
+
+LEAST_EVENTS = (3.0, 4.0, 8.0)
+"""Blocks that must share the region's error (inverse sum of squared shares), for one, two and three conditions."""
 
 BLOCK_SECONDS = 0.2
 """Errors within one block are one event: the length of a prediction window, s."""
@@ -266,22 +269,23 @@ def _regions_of(signal: str, samples: _Samples, known: _Catalogue) -> list[Regio
     left = np.ones(samples.energy.size, dtype=bool)
     for _ in range(RULES_PER_SIGNAL):
         kept = samples.part(left)
-        rule = _best_rule(kept, known)
-        inside = np.all([samples.inside(item) for item in rule], axis=0)
-        fresh = float(samples.energy[inside & left].sum())
-        share = float(samples.energy[inside].sum())
-        if fresh < max(LEAST_SHARE, 0.5 * share) or not _convincing(kept, inside[left]):
-            break
-        size = float(inside.mean())
-        if share < LEAST_LIFT * size or size < LEAST_SAMPLES:
+        for rule in _best_rules(kept, known):
+            inside = np.all([samples.inside(item) for item in rule], axis=0)
+            share, size = float(samples.energy[inside].sum()), float(inside.mean())
+            # what the rule names beyond the region already named
+            fresh = float(samples.energy[inside & left].sum())
+            large = fresh >= max(LEAST_SHARE, 0.5 * share) and share >= LEAST_LIFT * size and size >= LEAST_SAMPLES
+            if large and _convincing(kept, inside[left], len(rule)):
+                break
+        else:
             break
         found.append(Region(signal, share, size, _words(rule)))
         left &= ~inside
     return found
 
 
-def _convincing(samples: _Samples, inside: np.ndarray) -> bool:
-    """Whether the lift is large, and large beyond the chance of a few blocks."""
+def _convincing(samples: _Samples, inside: np.ndarray, conditions: int) -> bool:
+    """Whether the lift is large, and large beyond the chance of a few blocks and many rules."""
     block = np.unique(samples.block, return_inverse=True)[1]
     count = int(block.max()) + 1
     energy, size = np.bincount(block, samples.energy, count), np.bincount(block, minlength=count)
@@ -293,32 +297,36 @@ def _convincing(samples: _Samples, inside: np.ndarray) -> bool:
 
     parts = (energy_in, energy, size_in, size)
     whole = float(lift(0.0, parts)[0])
-    if whole < LEAST_LIFT:
+    events = energy_in.sum() ** 2 / max(float(np.sum(energy_in**2)), 1e-300)
+    if whole < LEAST_LIFT or events < LEAST_EVENTS[conditions - 1]:
         return False
     others = np.log(np.maximum(lift(1.0, parts), 1e-9))
     error = float(np.sqrt((count - 1) / count * np.sum((others - others.mean()) ** 2)))
     return np.log(whole) - SURE * error > np.log(SURE_LIFT)
 
 
-def _best_rule(samples: _Samples, known: _Catalogue) -> list[_Condition]:
-    """The best rule: every single condition and pair is tried, the best pair may get a third."""
+def _best_rules(samples: _Samples, known: _Catalogue) -> list[list[_Condition]]:
+    """The best rule, and behind it the best with fewer conditions.
+
+    Every single condition and every pair is tried; the best pair may get a third.
+    """
     cuts, n = samples.cuts, samples.energy.size
     energy = (samples.energy / samples.energy.sum()).astype(np.float32)
     even = np.full(n, 1.0 / n, dtype=np.float32)
     weight = known.weight
     single = weight * _divergence(known.totals(cuts, energy), known.totals(cuts, even))
-    best, score = [int(np.argmax(single))], float(single.max())
+    best, score = [[int(np.argmax(single))]], float(single.max())
     pair = _divergence(known.pair_totals(cuts, energy), known.pair_totals(cuts, even))
     pair *= known.goes * np.minimum.outer(weight, weight)
     if pair.max() >= SECOND_EARNS * score:
         first, second = (int(k) for k in np.unravel_index(np.argmax(pair), pair.shape))
-        best, score = [first, second], float(pair.max())
+        best, score = [[first, second], *best], float(pair.max())
         both = samples.inside(known.conditions[first]) & samples.inside(known.conditions[second])
         third = _divergence(known.totals(cuts, energy * both), known.totals(cuts, even * both))
         third *= known.goes[first] * known.goes[second] * np.minimum(weight, min(weight[first], weight[second]))
         if third.max() >= THIRD_EARNS * score:
-            best.append(int(np.argmax(third)))
-    return [known.conditions[k] for k in best]
+            best.insert(0, [first, second, int(np.argmax(third))])
+    return [[known.conditions[k] for k in rule] for rule in best]
 
 
 def _divergence(share: np.ndarray, samples: np.ndarray) -> np.ndarray:
