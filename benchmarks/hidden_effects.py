@@ -1,4 +1,4 @@
-"""Hidden effects: does the diagnosis name what the virtual rig hides, and keep quiet where nothing is hidden?
+"""Hidden effects: does the diagnosis name what the virtual rig hides, and keep quiet where nothing is hidden.
 
     python benchmarks/hidden_effects.py --seeds 5 --null 20 --workers 2 --out benchmarks/results/hidden_effects.jsonl
 
@@ -26,6 +26,7 @@ from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import fit
 from pneuid.virtual_rig import HIDDEN_EFFECTS, NOTHING, TruthServo
 
+
 def case(hidden_name: str, strength: str, seed: int) -> dict:
     """One case from recording to verdict."""
     warnings.simplefilter("ignore")
@@ -51,17 +52,23 @@ def case(hidden_name: str, strength: str, seed: int) -> dict:
 def table(rows: list[dict]) -> str:
     """Counts per hidden effect."""
     frame = pd.DataFrame(rows)
-    lines = [f"{'hidden':22s} {'cases':>5s} {'exact':>5s} {'first':>5s} {'ambig.':>6s} {'explained (median, least)':>26s} {'s':>4s}"]
+    lines = [
+        f"{'hidden':22s} {'cases':>5s} {'exact':>5s} {'first':>5s} {'ambig.':>6s} {'explained (median, least)':>26s} {'s':>4s}"
+    ]
     for name, part in frame.groupby("hidden", sort=False):
         null = name == "none"
         exact = sum(r["verdict"] == "adequate" if null else r["effects"] == [name] for _, r in part.iterrows())
         first = 0 if null else sum(bool(r["effects"]) and r["effects"][0] == name for _, r in part.iterrows())
         ambiguous = int((part.verdict == "ambiguous").sum())
         share = "" if null else f"{part.explained.median():.3f}, {part.explained.min():.3f}"
-        lines.append(f"{name:22s} {len(part):5d} {exact:5d} {first:5d} {ambiguous:6d} {share:>26s} {part.seconds.median():4.0f}")
+        lines.append(
+            f"{name:22s} {len(part):5d} {exact:5d} {first:5d} {ambiguous:6d} {share:>26s} {part.seconds.median():4.0f}"
+        )
     hidden, null = frame[frame.hidden != "none"], frame[frame.hidden == "none"]
     right = sum(bool(r["effects"]) and r["effects"][0] == r["hidden"] for _, r in hidden.iterrows())
-    lines.append(f"right effect first: {right} of {len(hidden)}; false alarms: {int((null.verdict != 'adequate').sum())} of {len(null)}")
+    lines.append(
+        f"right effect first: {right} of {len(hidden)}; false alarms: {int((null.verdict != 'adequate').sum())} of {len(null)}"
+    )
     return "\n".join(lines)
 
 
@@ -86,8 +93,11 @@ def main() -> None:
             rows.append(row)
             file.write(json.dumps(row) + "\n")
             file.flush()
-            print(f"{row['hidden']:22s} {row['strength']:6s} {row['seed']:3d} {row['verdict']:9s} {row['effects']} "
-                  f"{row['error_before']:.2f} -> {row['error_after']:.2f} floors, {row['seconds']:.0f} s", flush=True)
+            print(
+                f"{row['hidden']:22s} {row['strength']:6s} {row['seed']:3d} {row['verdict']:9s} {row['effects']} "
+                f"{row['error_before']:.2f} -> {row['error_after']:.2f} floors, {row['seconds']:.0f} s",
+                flush=True,
+            )
     print(table(rows))
 
 

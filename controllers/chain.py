@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,7 +45,9 @@ class Chain:
     rungs: list[Rung]
 
 
-def run_chain(runs: Runs, scenario_file: Path, progress: Progress, workers: int | None) -> tuple[Chain, Scenario, TruthServo]:
+def run_chain(
+    runs: Runs, scenario_file: Path, progress: Progress, workers: int | None
+) -> tuple[Chain, Scenario, TruthServo]:
     """Fit, diagnose, add and study. Raises ``ComputationError`` when no effect is named, so nothing can be added."""
     progress.doing(f"fitting the base model to {len(runs.train)} runs")
     base = api.fit(runs.rig, runs.train, name="base model", hold_out=runs.hold_out, monitor=progress.monitor)
@@ -53,7 +56,9 @@ def run_chain(runs: Runs, scenario_file: Path, progress: Progress, workers: int 
     verdict = api.diagnose(base, runs.train, runs.hold_out, progress.monitor, progress.doing)
     named = verdict.diagnosis.effects
     if not named:
-        raise ComputationError(f"the diagnosis says '{verdict.diagnosis.verdict}' and names no effect, so none is added")
+        raise ComputationError(
+            f"the diagnosis says '{verdict.diagnosis.verdict}' and names no effect, so none is added"
+        )
     added = named if verdict.diagnosis.verdict != "ambiguous" else named[:1]
     progress.doing(f"fitting again with {', '.join(added)}")
     better = api.fit(
@@ -83,6 +88,11 @@ def tracking_rows(results: Sequence[Result], patm: float) -> list[tuple[str, str
     return [(*key, value.get(BEFORE, float("nan")), value.get(AFTER, float("nan"))) for key, value in rms.items()]
 
 
+def _plain(item: str | float) -> str | float | None:
+    """NaN as JSON takes it."""
+    return None if isinstance(item, float) and math.isnan(item) else item
+
+
 def write_chain(chain: Chain, scenario: Scenario, truth: TruthServo, folder: Path) -> Path:
     """Models, metrics, diagnosis, ladder and one report; returns the report's path."""
     for label, comparison in ((BEFORE, chain.before), (AFTER, chain.after)):
@@ -94,7 +104,7 @@ def write_chain(chain: Chain, scenario: Scenario, truth: TruthServo, folder: Pat
     write_json(folder / "ladder.json", to_json(chain.rungs))
     rows = tracking_rows(chain.results, truth.patm)
     keys = ("controller", "reference", "supply_bar_gauge", "rms_mm_before", "rms_mm_after")
-    tracked = [dict(zip(keys, [None if item != item else item for item in row], strict=True)) for row in rows]
+    tracked = [dict(zip(keys, [_plain(item) for item in row], strict=True)) for row in rows]
     write_json(folder / "tracking.json", tracked)
     parts = [
         sections.summary(chain.before),
@@ -113,7 +123,9 @@ def write_chain(chain: Chain, scenario: Scenario, truth: TruthServo, folder: Pat
     return path
 
 
-def _tracking_section(results: Sequence[Result], rows: Sequence[tuple], scenario: Scenario, truth: TruthServo) -> Section:
+def _tracking_section(
+    results: Sequence[Result], rows: Sequence[tuple], scenario: Scenario, truth: TruthServo
+) -> Section:
     references = list(dict.fromkeys(result.reference for result in results))
     figure = Figure(figsize=(11.0, 4.6), layout="constrained")
     for axes, reference in zip(figure.subplots(1, len(references), squeeze=False)[0], references, strict=True):
@@ -121,7 +133,8 @@ def _tracking_section(results: Sequence[Result], rows: Sequence[tuple], scenario
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize="small")
     cells = tuple(
-        (label, reference, f"{bar:g}", f"{was:.3f}", f"{now:.3f}", f"{100 * (now / was - 1):+.0f} %") for label, reference, bar, was, now in rows
+        (label, reference, f"{bar:g}", f"{was:.3f}", f"{now:.3f}", f"{100 * (now / was - 1):+.0f} %")
+        for label, reference, bar, was, now in rows
     )
     heads = ("controller", "reference", "supply, bar gauge", "RMS before, mm", "RMS after, mm", "change")
     words = (
@@ -157,9 +170,13 @@ def play(folder: Path, workers: int | None, runs: Runs, scenario_file: Path) -> 
     )
     console.print("TRACKING, RMS in mm, controllers made from the model before -> after")
     for label, reference, bar, was, now in tracking_rows(chain.results, truth.patm):
-        console.print(f"  {label:42s} {reference:12s} {bar:3g} bar  {was:7.3f} -> {now:7.3f}  ({100 * (now / was - 1):+.0f} %)")
+        console.print(
+            f"  {label:42s} {reference:12s} {bar:3g} bar  {was:7.3f} -> {now:7.3f}  ({100 * (now / was - 1):+.0f} %)"
+        )
     console.print(f"report: {path}")
-    console.print("next: python -m pneuid.identify --help (your own data), python -m controllers.study (the whole grid)")
+    console.print(
+        "next: python -m pneuid.identify --help (your own data), python -m controllers.study (the whole grid)"
+    )
 
 
 def play_scenario(folder: Path, workers: int | None, scenario_file: Path | None) -> None:

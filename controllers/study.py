@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from controllers.chain import play_scenario
 from controllers.figures import save_figures
 from controllers.grid import Models, Result, run_study
 from controllers.nominal import nominal_model
@@ -132,9 +133,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     if arguments.workers is not None and arguments.workers < 1:
         raise UserError(f"--workers {arguments.workers}: must be at least 1")
     if arguments.chain:
-        # imported here: the study alone needs neither identification nor reports
-        from controllers.chain import play_scenario
-
         folder = result_folder(arguments.out, "chain", arguments.scenario is None, arguments.overwrite)
         play_scenario(folder, arguments.workers, arguments.scenario)
         return

@@ -1,12 +1,12 @@
 """Pneumatic cylinders: model, identification, and the physical effect that the model lacks.
 
-    rig = pneuid.Rig.from_toml("rig.toml")
-    runs = [pneuid.Recording.read(name, rig) for name in ("mon_1.csv", "mon_2.csv")]
-    model = pneuid.fit(rig, runs)
-    comparison = model.compare(runs)
-    diagnosis = model.diagnose(runs, hold_out=[...])
-    better = pneuid.fit(rig, runs, add=diagnosis.effects)
-    better.save("model.json")
+rig = pneuid.Rig.from_toml("rig.toml")
+runs = [pneuid.Recording.read(name, rig) for name in ("mon_1.csv", "mon_2.csv")]
+model = pneuid.fit(rig, runs)
+comparison = model.compare(runs)
+diagnosis = model.diagnose(runs, hold_out=[...])
+better = pneuid.fit(rig, runs, add=diagnosis.effects)
+better.save("model.json")
 """
 
 from __future__ import annotations

@@ -99,7 +99,9 @@ def plant_of(rig: Rig, add: Sequence[str] = (), drop: Sequence[str] = (), fricti
     chosen = effects_by_name([name for name in names if name not in drop])
     for effect in chosen:
         if rig.kind not in effect.rigs:
-            raise UserError(f"effect '{effect.name}' cannot show on a {rig.kind} rig; it needs {' or '.join(effect.rigs)}")
+            raise UserError(
+                f"effect '{effect.name}' cannot show on a {rig.kind} rig; it needs {' or '.join(effect.rigs)}"
+            )
     return Plant(rig, law, chosen)
 
 

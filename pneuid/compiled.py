@@ -50,10 +50,8 @@ def _processor() -> str:
 
 def cache_folder() -> Path:
     """Folder of compiled functions, private to the user (``PNEUID_CACHE`` overrides it)."""
-    root = os.environ.get("PNEUID_CACHE") or os.path.join(
-        os.environ.get("XDG_CACHE_HOME", os.path.expanduser("~/.cache")), "pneuid"
-    )
-    folder = Path(root)
+    named = os.environ.get("PNEUID_CACHE")
+    folder = Path(named) if named else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "pneuid"
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     return folder
 
@@ -70,7 +68,7 @@ def compile_functions(functions: Sequence[ca.Function], prefix: str) -> tuple[li
     for function in functions:
         generator.add(function)
     source = generator.dump()
-    content = "\n".join([source, " ".join(_FLAGS), *tool, _processor(), ca.__version__])
+    content = "\n".join([source, " ".join(_FLAGS), *tool, _processor(), ca.CasadiMeta.version()])
     key = hashlib.sha256(content.encode()).hexdigest()[:32]
     library = cache_folder() / f"{prefix}_{key}.so"
     if not library.exists() and not _build(tool[0], source, library):

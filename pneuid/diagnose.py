@@ -74,7 +74,11 @@ def verdict_lines(diagnosis: Diagnosis) -> list[str]:
     }
     lines = [f"verdict: {diagnosis.verdict} - {words[diagnosis.verdict]}", *diagnosis.sentences]
     for item in diagnosis.ranking[:4]:
-        tested = "screened only" if item.excess_explained is None else f"explains {100 * item.excess_explained:.1f} % held out"
+        tested = (
+            "screened only"
+            if item.excess_explained is None
+            else f"explains {100 * item.excess_explained:.1f} % held out"
+        )
         lines.append(f"  {item.effect:20s} predicted drop of the cost {100 * item.screen_gain:5.1f} %, {tested}")
     if diagnosis.unknown is not None:
         rest = diagnosis.unknown

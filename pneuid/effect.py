@@ -24,9 +24,9 @@ class Parameter:
     """Declaration of one parameter.
 
     lower, upper : physical bounds, SI; start : where a fit begins; scale : typical size, SI (makes the search
-    dimensionless); positive : searched on a logarithmic scale, ``scale`` and ``prior`` then count in e-folds; off : value at which its effect vanishes, None for a
-    shape that means nothing while the amplitudes are off; prior : standard deviation around ``start`` of a weak prior,
-    None for none (only where data of an ordinary rig leave a direction open).
+    dimensionless); positive : searched on a logarithmic scale, ``scale`` and ``prior`` then count in e-folds; off : value
+    at which its effect vanishes, None for a shape that means nothing while the amplitudes are off; prior : standard
+    deviation around ``start`` of a weak prior, None for none (only where ordinary data leave a direction open).
     """
 
     name: str

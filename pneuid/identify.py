@@ -34,9 +34,13 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
     found.add_argument("--rig", metavar="rig.toml", help="description of the rig")
-    found.add_argument("--from", dest="parent", metavar="MODEL", help="start from an identified model.json instead of --rig")
+    found.add_argument(
+        "--from", dest="parent", metavar="MODEL", help="start from an identified model.json instead of --rig"
+    )
     found.add_argument("--data", nargs="+", metavar="RUN", default=[], help="recordings to fit")
-    found.add_argument("--hold-out", nargs="+", metavar="RUN", default=[], help="recordings kept from the fit, to judge by")
+    found.add_argument(
+        "--hold-out", nargs="+", metavar="RUN", default=[], help="recordings kept from the fit, to judge by"
+    )
     found.add_argument("--friction", choices=tuple(LAWS), help="friction law instead of the rig's")
     found.add_argument("--add", nargs="+", metavar="EFFECT", default=[], help="effects of the catalogue to add")
     found.add_argument("--drop", nargs="+", metavar="EFFECT", default=[], help="effects to leave out")
@@ -112,7 +116,11 @@ def rung_of(comparison: Comparison, added: str | None) -> Rung:
 
 
 def write_results(
-    folder: Path, model: api.IdentifiedModel, comparison: Comparison, rungs: list[Rung], diagnosis: Diagnosis | None = None
+    folder: Path,
+    model: api.IdentifiedModel,
+    comparison: Comparison,
+    rungs: list[Rung],
+    diagnosis: Diagnosis | None = None,
 ) -> None:
     """model.json, ladder.json, metrics.json and report.html; the model last, so that its presence means complete."""
     write_json(folder / "ladder.json", to_json(rungs))

@@ -61,8 +61,9 @@ def _symbols(plant: Plant) -> tuple[ca.SX, ca.SX, ca.SX]:
 
 def _split(plant: Plant, d: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
     nw, ny = len(plant.inputs), len(plant.outputs)
-    parts = ca.vertsplit(d, [0, 1, 1 + nw, 1 + 2 * nw, 1 + 2 * nw + ny, 1 + 2 * nw + 2 * ny])
-    return tuple(parts)
+    ends = [0, 1, 1 + nw, 1 + 2 * nw, 1 + 2 * nw + ny, 1 + 2 * nw + 2 * ny]
+    dt, w, slope, y, weight = ca.vertsplit(d, ends)
+    return dt, w, slope, y, weight
 
 
 def _sample_functions(plant: Plant, selected: Sequence[str], substeps: int) -> dict[str, ca.Function]:
@@ -146,7 +147,12 @@ _PLANTS: dict[tuple, Plant] = {}
 
 def structure_key(plant: Plant) -> tuple:
     """What the generated code depends on: the kind of rig, the friction law and the effects."""
-    return (plant.rig.kind, plant.law.name, tuple((type(e).__module__, e.name) for e in plant.effects), plant.theta_names)
+    return (
+        plant.rig.kind,
+        plant.law.name,
+        tuple((type(e).__module__, e.name) for e in plant.effects),
+        plant.theta_names,
+    )
 
 
 def interval_function(plant: Plant, selected: Sequence[str], samples: int, substeps: int) -> IntervalFunction:

@@ -149,7 +149,9 @@ def model_of(fit: Fit, name: str, hold_out: Sequence[Recording] = (), parent: st
     )  # fmt: skip
 
 
-def nominal_model(rig: Rig, values: Mapping[str, float], ranges: Mapping[str, float], effects: Sequence[str] = ()) -> Model:
+def nominal_model(
+    rig: Rig, values: Mapping[str, float], ranges: Mapping[str, float], effects: Sequence[str] = ()
+) -> Model:
     """A model with stated values (SI) instead of fitted ones; parameters not named keep their typical start."""
     plant = Plant(rig, rig.friction, effects_by_name(tuple(effects)))
     known = plant.starts() | dict(values)

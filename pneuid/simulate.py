@@ -25,7 +25,7 @@ def simulate(function: IntervalFunction, start: np.ndarray, data: np.ndarray, th
     start : ``(W, ns)``; data : ``(W, rows, N)`` sample columns, N a multiple of the interval; theta : ``(W, ntheta)``.
     Windows run side by side, intervals one after the other; a window that diverges is NaN from there on.
     """
-    W, rows, N = data.shape
+    W, _rows, N = data.shape
     K = function.samples
     ny = function.trajectory.size1_out(0)
     ns = start.shape[1]

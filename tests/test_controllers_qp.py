@@ -14,7 +14,7 @@ N, NX = 8, 4
 
 
 def problem(seed, bound, soft):
-    """A random stable-ish chain; ``bound`` limits the first state (soft on demand) and, hard, the commanded last one."""
+    """A random chain; ``bound`` limits, hard, the last state, which is the command, and softly on demand the first."""
     rng = np.random.default_rng(seed)
     A = np.eye(NX) + 0.1 * rng.standard_normal((N, NX, NX))
     A[:, -1] = 0.0

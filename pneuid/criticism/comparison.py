@@ -13,6 +13,7 @@ from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import Run, prepare
 from pneuid.model import Model
 from pneuid.recording import Recording
+from pneuid.signals import SIGNALS
 
 
 @dataclass(frozen=True)
@@ -67,10 +68,10 @@ def frozen(model: Model) -> Frozen:
     return Frozen(model.plant, model.values, model.ranges, model.noise, model.substeps)
 
 
-def signal_errors(model: Frozen, runs: Sequence[Run]) -> tuple[dict[str, SignalError], list[Prediction], list[Prediction]]:
+def signal_errors(
+    model: Frozen, runs: Sequence[Run]
+) -> tuple[dict[str, SignalError], list[Prediction], list[Prediction]]:
     """Errors per output signal over ``runs``, with the predictions behind them (ahead, free)."""
-    from pneuid.signals import SIGNALS
-
     ahead = predict(model, runs)
     free = predict_free(model, runs) if model.plant.servo else ahead
     floor = noise_floor(model, runs)

@@ -21,7 +21,7 @@ from pneuid.criticism.prediction import Frozen, NoiseFloor, noise_floor, predict
 from pneuid.criticism.screening import Score, screen
 from pneuid.effect import Effect
 from pneuid.estimation.fit import Fit, fit
-from pneuid.estimation.preparation import Run, prepare
+from pneuid.estimation.preparation import prepare
 from pneuid.estimation.solver import Monitor
 from pneuid.plant import Plant
 from pneuid.recording import Recording
@@ -106,7 +106,9 @@ def frozen_fit(found: Fit) -> Frozen:
     return Frozen(found.plant, found.values, found.ranges, found.noise, found.substeps)
 
 
-def refit(base: Fit, effects: Sequence[Effect], start: dict[str, float], order: Sequence[str], monitor: Monitor | None) -> Fit:
+def refit(
+    base: Fit, effects: Sequence[Effect], start: dict[str, float], order: Sequence[str], monitor: Monitor | None
+) -> Fit:
     """Fit the base model's effects plus ``effects``, warm from the base's values; ``start`` for the new parameters."""
     position = {name: i for i, name in enumerate(order)}
     every = sorted([*base.plant.effects, *effects], key=lambda effect: position.get(effect.name, len(position)))
@@ -140,10 +142,12 @@ def diagnose(
     judge = _Judge(tuple(hold_out), noise_floor(frozen_fit(base), held_runs))
     current = judge.trial(base)
     # a model that is far off has a floor of its own (larger) one; the best model's floor is the fair one
-    first, rungs, ranking, accepted = current, [_rung(current, judge, True)], {}, []
+    first, rungs = current, [_rung(current, judge, True)]
+    ranking: dict[str, Candidate] = {}
+    accepted: list[str] = []
     ambiguous: tuple[str, ...] = ()
     for _ in range(MOST_EFFECTS):
-        scores = [score for score in screen(current.fit, list(catalogue.values()), order)]
+        scores = list(screen(current.fit, list(catalogue.values()), order))
         for score in scores:
             ranking.setdefault(score.effect.name, _screened(score))
         say(_leading(scores))
@@ -152,15 +156,15 @@ def diagnose(
         for score, trial in trials:
             _record(ranking, score, trial, current, first, keep=bool(accepted))
         chosen = _accepted(trials, current, first, judge)
-        for score, trial in trials:
-            if chosen is None or trial is not chosen[1]:
-                rungs.append(_rung(trial, judge, False))
+        rungs += [_rung(trial, judge, False) for _, trial in trials if chosen is None or trial is not chosen[1]]
         if chosen is None:
             break
         rungs.append(_rung(chosen[1], judge, True))
         ambiguous = _rivals(chosen, trials, current) if not accepted else ambiguous
         accepted.append(chosen[0].effect.name)
-        say(f"{accepted[-1]} accepted: held-out error {np.sqrt(current.error):.1f} -> {np.sqrt(chosen[1].error):.1f} floors")
+        say(
+            f"{accepted[-1]} accepted: held-out error {np.sqrt(current.error):.1f} -> {np.sqrt(chosen[1].error):.1f} floors"
+        )
         current = chosen[1]
         if current.error - 1.0 < max(0.02, 3 * judge.spread) and current.fit.defect_level < 0.3:
             break
@@ -224,7 +228,9 @@ def _explained(before: Trial, after: Trial, first: Trial) -> float:
     return float((before.error - after.error) / excess) if excess > 0 and np.isfinite(after.error) else 0.0
 
 
-def _record(ranking: dict[str, Candidate], score: Score, trial: Trial, current: Trial, first: Trial, keep: bool) -> None:
+def _record(
+    ranking: dict[str, Candidate], score: Score, trial: Trial, current: Trial, first: Trial, keep: bool
+) -> None:
     """Put a refit's evidence into the ranking; that of the first round stands."""
     name = score.effect.name
     if keep and ranking[name].hold_out_error_ratio is not None:
@@ -296,12 +302,23 @@ def _backward(
 def _rung(trial: Trial, judge: _Judge, accepted: bool) -> Rung:
     names = tuple(effect.name for effect in trial.fit.plant.effects)
     return Rung(
-        names, trial.added, accepted, trial.train, trial.hold_out, dict(judge.floor.value), len(trial.fit.plant.parameters)
+        names,
+        trial.added,
+        accepted,
+        trial.train,
+        trial.hold_out,
+        dict(judge.floor.value),
+        len(trial.fit.plant.parameters),
     )
 
 
 def _verdict(
-    accepted: list[str], ambiguous: tuple[str, ...], current: Trial, first: Trial, judge: _Judge, ranking: dict[str, Candidate]
+    accepted: list[str],
+    ambiguous: tuple[str, ...],
+    current: Trial,
+    first: Trial,
+    judge: _Judge,
+    ranking: dict[str, Candidate],
 ) -> Diagnosis:
     order = sorted(ranking.values(), key=lambda item: (-(item.excess_explained or 0.0), -item.screen_gain))
     lead = [item for name in accepted for item in order if item.effect == name]
@@ -313,7 +330,9 @@ def _verdict(
     if not accepted:
         if left < small:
             return Diagnosis("adequate", (), ordered, sentences=(*words, "nothing is missing above the noise"))
-        return Diagnosis("unknown", (), ordered, _rest(current), sentences=(*words, "the catalogue does not explain it"))
+        return Diagnosis(
+            "unknown", (), ordered, _rest(current), sentences=(*words, "the catalogue does not explain it")
+        )
     removed = (first.error - current.error) / max(first.error - 1.0, 1e-12)
     words.append(f"{', '.join(accepted)}: {100 * removed:.1f} % of the base model's held-out excess explained")
     if ambiguous and len(accepted) == 1:
@@ -351,8 +370,3 @@ def _follows(found: Fit, equation: str) -> tuple[str, ...]:
         if means.var() > strength:
             best, strength = name, float(means.var())
     return (best,)
-
-
-def runs_of(found: Fit, recordings: Sequence[Recording]) -> list[Run]:
-    """Recordings made ready as for ``found``."""
-    return [prepare(run, found.plant, found.noise) for run in recordings]

@@ -97,7 +97,9 @@ def _ahead(model: Frozen, function: IntervalFunction, run: Run, data: np.ndarray
     ny = len(plant.outputs)
     if first.size == 0:
         empty = np.zeros((ny, 0))
-        return Prediction(run, np.zeros(0, dtype=int), empty, empty, empty.astype(bool)), np.zeros((0, len(plant.states)))
+        return Prediction(run, np.zeros(0, dtype=int), empty, empty, empty.astype(bool)), np.zeros(
+            (0, len(plant.states))
+        )
     cut = np.stack([data[:, k : k + before + ahead] for k in first])
     theta = np.tile(model.theta(run), (first.size, 1))
     guess = _window_guess(model, run)[first]
@@ -123,7 +125,12 @@ def _free(model: Frozen, function: IntervalFunction, run: Run, data: np.ndarray)
     theta = model.theta(run)[None]
     guess = _window_guess(model, run)[:1]
     start = estimate_start(
-        function, guess, padded[:, :, : min(before, padded.shape[2] // K * K)], theta, _state_prior(plant), plant.state_scales
+        function,
+        guess,
+        padded[:, :, : min(before, padded.shape[2] // K * K)],
+        theta,
+        _state_prior(plant),
+        plant.state_scales,
     )
     found = simulate(function, start, padded, theta)
     index = np.arange(run.n)

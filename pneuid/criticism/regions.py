@@ -269,6 +269,8 @@ def _regions_of(signal: str, samples: _Samples, known: _Catalogue) -> list[Regio
     left = np.ones(samples.energy.size, dtype=bool)
     for _ in range(RULES_PER_SIGNAL):
         kept = samples.part(left)
+        if kept.energy.sum() < LEAST_SHARE:
+            break
         for rule in _best_rules(kept, known):
             inside = np.all([samples.inside(item) for item in rule], axis=0)
             share, size = float(samples.energy[inside].sum()), float(inside.mean())

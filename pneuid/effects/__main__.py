@@ -42,10 +42,14 @@ def _show(console: Console, effect: Effect) -> None:
     console.print(f"[bold]{effect.name}[/bold] (equation {effect.equation}, {' and '.join(effect.rigs)} rigs)")
     console.print(effect.mechanism)
     console.print((effect.__doc__ or "").strip())
-    table = Table("parameter", "unit", "lower", "upper", "off", "typical size", "source", title="on the demonstration rig")
+    table = Table(
+        "parameter", "unit", "lower", "upper", "off", "typical size", "source", title="on the demonstration rig"
+    )
     for item in effect.parameters(demo_runs().rig, LAWS["lugre"]):
         off = "shape" if item.off is None else f"{item.off:.4g}"
-        table.add_row(item.name, item.unit, f"{item.lower:.3g}", f"{item.upper:.3g}", off, f"{item.scale:.3g}", item.source)
+        table.add_row(
+            item.name, item.unit, f"{item.lower:.3g}", f"{item.upper:.3g}", off, f"{item.scale:.3g}", item.source
+        )
     console.print(table)
     console.print(f"revealed by: {effect.experiment}")
     console.print(f"easily confused with: {', '.join(effect.confused_with) or 'none'}")

@@ -47,7 +47,9 @@ class FrictionDirection(Effect):
         """Both directions keep a positive friction with ``Fs >= Fc``."""
         found = []
         for way in (1.0, -1.0):
-            at = {name: base[name] + way * getattr(scope.p, self._targets[name]) for name in self._targets if name in base}
+            at = {
+                name: base[name] + way * getattr(scope.p, self._targets[name]) for name in self._targets if name in base
+            }
             found += [Constraint("Fc", at["Fc"]), Constraint("sigma2", at["sigma2"])]
             if "Fs" in at:
                 found.append(Constraint("Fs - Fc", at["Fs"] - at["Fc"]))

@@ -6,7 +6,9 @@ from pneuid.effect import Effect, Expression, Parameter, Scope
 from pneuid.physics.friction import FrictionLaw
 from pneuid.rig import Rig
 
-_SOURCE = "Newton's second law; Swevers, Verdonck, De Schutter, IEEE Control Systems 27(5) (2007) 58 (payload identification)"
+_SOURCE = (
+    "Newton's second law; Swevers, Verdonck, De Schutter, IEEE Control Systems 27(5) (2007) 58 (payload identification)"
+)
 
 
 class LoadMass(Effect):

@@ -44,7 +44,7 @@ def _chambers(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion]) -> dic
         s = np.clip((run.input("u") - rig.null) / rig.full_scale, -1.0, 1.0)
         fill, empty, supply = np.maximum(s, 0.0), np.maximum(-s, 0.0), run.input("psup")
         dt = np.diff(run.t)
-        stride = max(2, int(round(WINDOW / np.median(dt))))
+        stride = max(2, round(WINDOW / np.median(dt)))
         for signal, opening, drain, area, volume in (
             ("p1", fill, empty, rig.A1, rig.V01 + rig.A1 * motion.x),
             ("p2", empty, fill, -rig.A2, rig.V02 + rig.A2 * (rig.stroke - motion.x)),

@@ -38,8 +38,10 @@ MISFIT = 1.2
 class Fit:
     """Result of an identification.
 
-    stage : ``exact`` or ``relaxed``; values : all parameters, SI; nodes ``(ns, nint)`` and ``problem`` of the relaxed
-    solution, on which effects are screened; loose_cost : relaxed cost with loose defects, comparable between models; cost_per_sample : mean squared weighted residual (1 when only noise is left).
+    stage : ``exact`` or ``relaxed``; values : all parameters, SI; ``relaxed`` and ``problem`` are the relaxed solution, on
+    which effects are screened; loose_cost : relaxed cost with loose defects, comparable between models;
+    cost_per_sample : mean squared weighted residual (1 when only noise is left); defect_level : mean square of the
+    relaxed defects in their own spread.
     """
 
     plant: Plant
@@ -79,7 +81,7 @@ def _substeps(plant: Plant, values: Mapping[str, float], ranges: Mapping[str, fl
     if needed > LARGEST_SUBSTEPS:
         raise UserError(
             f"sample rate of {1 / dt:.0f} Hz is too low: this friction and these chambers need {needed} substeps per sample "
-            f"(at most {LARGEST_SUBSTEPS}); record faster or choose friction = \"stribeck\" in rig.toml"
+            f'(at most {LARGEST_SUBSTEPS}); record faster or choose friction = "stribeck" in rig.toml'
         )
     return needed
 
@@ -88,7 +90,9 @@ def _check_count(plant: Plant, recordings: Sequence[Recording]) -> None:
     samples, unknown = sum(run.n for run in recordings), len(plant.parameters)
     if samples < 3 * unknown:
         names = ", ".join(run.name for run in recordings)
-        raise UserError(f"{names}: {samples} samples are fewer than {unknown} parameters need; record at least {3 * unknown}")
+        raise UserError(
+            f"{names}: {samples} samples are fewer than {unknown} parameters need; record at least {3 * unknown}"
+        )
 
 
 def fit(
@@ -132,7 +136,9 @@ def fit(
     if again > substeps:
         substeps = again
         problem = problem_at(values, substeps)
-        soft, level, loose = _relaxed_stage(problem, problem.join(_inside(problem, values), problem.split(soft.X)[1]), monitor)
+        soft, level, loose = _relaxed_stage(
+            problem, problem.join(_inside(problem, values), problem.split(soft.X)[1]), monitor
+        )
         values = dict(zip(free, problem.scaling.to_values(soft.X[: problem.nq]), strict=True))
     tight = problem.relaxation == TIGHT
     hard = _exact_stage(problem, soft, monitor) if exact and tight and level < DEFECT_GATE else None
@@ -148,12 +154,14 @@ def fit(
         values = dict(zip(free, problem.scaling.to_values(hard.X[: problem.nq]), strict=True))
         problem.set_smoothing(COARSE)
     final = hard or soft
+    misfit = 2 * final.cost / max(problem.weighted, 1)
     return Fit(
-        plant=plant, runs=runs, values={name: float(value) for name, value in values.items()}, ranges=ranges, noise=levels,
-        substeps=substeps, stage="exact" if hard else "relaxed", converged=final.success,
-        status=_words(soft, hard, level, problem.relaxation, 2 * final.cost / max(problem.weighted, 1)), cost_per_sample=2 * final.cost / max(problem.weighted, 1), defect_level=level,
-        iterations=soft.iterations + (hard.iterations if hard else 0), seconds=time.monotonic() - began, relaxed=soft, loose_cost=loose,
-        problem=problem, exact=hard, spread=spread, verdicts=words, notes=sum((run.notes for run in runs), ()),
+        plant=plant, runs=runs, values={name: float(value) for name, value in values.items()}, ranges=ranges,
+        noise=levels, substeps=substeps, stage="exact" if hard else "relaxed", converged=final.success,
+        status=_words(soft, hard, level, problem.relaxation, misfit), cost_per_sample=misfit, defect_level=level,
+        iterations=soft.iterations + (hard.iterations if hard else 0), seconds=time.monotonic() - began, relaxed=soft,
+        loose_cost=loose, problem=problem, exact=hard, spread=spread, verdicts=words,
+        notes=tuple(note for run in runs for note in run.notes),
     )  # fmt: skip
 
 

@@ -16,8 +16,8 @@ import casadi as ca
 import numpy as np
 
 from pneuid.effect import Parameter
-from pneuid.interval import IntervalFunction, interval_function
 from pneuid.estimation.preparation import Run
+from pneuid.interval import IntervalFunction, interval_function
 from pneuid.physics.smoothing import FINE, Smoothing
 from pneuid.plant import Plant
 from pneuid.step import stable_upper_bounds

@@ -9,7 +9,7 @@ differentiated at the level of the nonlinear programme.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -89,7 +89,7 @@ class _Assembly:
     def gradient_and_hessian(self, at: Evaluation, X: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
         """Dense gradient and Hessian nonzeros of ``scale * (cost + relaxed penalty + priors)``."""
         problem = self.problem
-        nq, ns, width = problem.nq, problem.ns, problem.nq + problem.ns
+        nq, _ns, width = problem.nq, problem.ns, problem.nq + problem.ns
         rows, cols = self.triangle
         blocks = at.gram[:, :width, :width]
         slope = at.gram[:, :width, width]
@@ -116,11 +116,10 @@ class _Assembly:
         values = np.bincount(self.hess_slots, weights=np.concatenate(pieces), minlength=self.hess_sparsity.nnz())
         return scale * gradient, scale * values
 
-    def jacobian(self, at: Evaluation | None, X: np.ndarray) -> np.ndarray:
+    def jacobian(self, at: Evaluation, X: np.ndarray) -> np.ndarray:
         """Nonzeros of the constraint Jacobian."""
         pieces = []
         if not self.relaxed:
-            assert at is not None
             pieces += [at.sensitivity[self.linked].ravel(), np.full(self.ndef, -1.0)]
         _, slope = self.problem.constraints(X[: self.problem.nq])
         pieces.append(slope.ravel())
@@ -234,7 +233,12 @@ class _Function(ca.Callback):
     """A CasADi function whose value comes from the shared evaluator."""
 
     def __init__(
-        self, name: str, evaluator: _Evaluator, inputs: list[tuple[int, int]], outputs: list[ca.Sparsity], compute: Callable
+        self,
+        name: str,
+        evaluator: _Evaluator,
+        inputs: list[tuple[int, int]],
+        outputs: list[ca.Sparsity],
+        compute: Callable,
     ) -> None:
         ca.Callback.__init__(self)
         self._inputs, self._outputs, self._compute, self._evaluator = inputs, outputs, compute, evaluator
@@ -252,7 +256,7 @@ class _Function(ca.Callback):
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
         return self._outputs[i]
 
-    def eval(self, arguments: list[ca.DM]) -> list[ca.DM]:
+    def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
         X = np.asarray(arguments[0]).ravel()
         try:
             found = self._compute(X, arguments)
@@ -305,7 +309,9 @@ def _ipopt(evaluator: _Evaluator, options: dict) -> tuple[ca.Function, list[_Fun
     return solver, [fg, grad_f, jac_g, hess, each]
 
 
-def _solve(problem: Shooting, X0: np.ndarray, relaxed: bool, options: dict, monitor: Monitor | None, limit: float) -> Outcome:
+def _solve(
+    problem: Shooting, X0: np.ndarray, relaxed: bool, options: dict, monitor: Monitor | None, limit: float
+) -> Outcome:
     began = time.monotonic()
     evaluator = _Evaluator(problem, relaxed, monitor, began + limit)
     solver, _kept = _ipopt(evaluator, options)
@@ -334,7 +340,11 @@ def _solve(problem: Shooting, X0: np.ndarray, relaxed: bool, options: dict, moni
 
 
 def solve_relaxed(
-    problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None, seconds: float = 120.0, strategy: str = "monotone"
+    problem: Shooting,
+    X0: np.ndarray,
+    monitor: Monitor | None = None,
+    seconds: float = 120.0,
+    strategy: str = "monotone",
 ) -> Outcome:
     """Minimise cost plus penalised defects from ``X0``; never worse than the best point visited."""
     options = {"tol": 1e-4, "mu_strategy": strategy, "mu_init": 1e-5, "max_iter": 60}

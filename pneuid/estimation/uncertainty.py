@@ -41,7 +41,8 @@ def uncertainty(problem: Shooting, X: np.ndarray, margin: float = 1e-4) -> Uncer
     H, J = H[free][:, free], J[:, free]
     # continuity is scaled so that both blocks of the matrix are of one size
     weight = float(np.sqrt(H.diagonal().mean()))
-    system = sp.bmat([[H, weight * J.T], [weight * J, None]], format="csc")
+    below = sp.hstack([weight * J, sp.csc_matrix((J.shape[0], J.shape[0]))])
+    system = sp.csc_matrix(sp.vstack([sp.hstack([H, weight * J.T]), below]))
     count = int((~at_bound).sum())
     right = np.zeros((system.shape[0], count))
     right[:count, :count] = np.eye(count)

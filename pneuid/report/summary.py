@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from pneuid.criticism.comparison import Comparison, SignalError
@@ -21,9 +22,8 @@ def metrics_json(comparison: Comparison) -> dict[str, Any]:
 
 
 def _numbers(item: SignalError) -> dict[str, Any]:
-    finite = {key: (value if value == value and abs(value) != float("inf") else None)
-              for key, value in vars(item).items() if not isinstance(value, str)}  # fmt: skip
-    return {"unit": item.unit, **finite}
+    numbers = {key: value for key, value in vars(item).items() if key != "unit"}
+    return {"unit": item.unit} | {key: value if math.isfinite(value) else None for key, value in numbers.items()}
 
 
 def summary_lines(comparison: Comparison) -> list[str]:
