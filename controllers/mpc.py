@@ -88,6 +88,11 @@ class Mpc(Controller):
         self._Q[h.N] *= gains.terminal
         self._R = (gains.change * h.scale[-1] / ERROR_SCALE) ** 2
 
+    @property
+    def memory(self) -> np.ndarray:
+        """A copy of the observer's memory, for inspection."""
+        return self._memory.copy()
+
     def _prepare_observer(self) -> None:
         """Fixed memory of the observer and of the translation of a planned command into one for the valve."""
         model, size = self.model, memory_size(self.model)

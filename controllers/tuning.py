@@ -104,7 +104,7 @@ def pid_gains(model: ControlModel, design: Design) -> PidGains:
     natural = np.sqrt(found.stiffness / model.mass)
     per_speed = found.stiffness / found.gain
     gain = per_speed * (design.bandwidth or 0.33 * natural)
-    return PidGains(gain, 0.5 * gain, 0.02 * gain, per_speed, 5e-3, design.hold)
+    return PidGains(gain, 0.3 * gain, 0.15 * gain, per_speed, 5e-3, design.hold)
 
 
 def cascade_gains(model: ControlModel, design: Design, sample_time: float) -> CascadeGains:
@@ -178,7 +178,7 @@ def refine_gains(controller: Controller, names: Sequence[str], trial: Trial, eva
     met: list[tuple[float, int, Any]] = []
 
     def cost(logarithms: np.ndarray) -> float:
-        scaled = start * np.exp(np.clip(logarithms, -2.5, 2.5))
+        scaled = start * np.exp(np.clip(logarithms, -3.5, 3.5))
         controller.retune(replace(first, **dict(zip(names, scaled.tolist(), strict=True))))
         met.append((trial.cost(controller), len(met), controller.gains))
         return met[-1][0]

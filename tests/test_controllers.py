@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from controllers import loop
-from controllers.base import Measurement
+from controllers.base import Controller, Measurement
 from controllers.control_model import ControlModel
 from controllers.nominal import nominal_model, rig_of
 from controllers.references import Sine, Smooth, Steps
@@ -88,6 +88,66 @@ def test_nonsense_in_is_never_nonsense_out(name, fault, made):
     # and it recovers: the next run is as good as if nothing had happened
     controller.reset(at_rest(x=0.25), rows[: controller.preview])
     assert math.isfinite(controller.step(at_rest(x=0.25), rows[: controller.preview]))
+
+
+@pytest.mark.parametrize("name", ["cascade", "servo", "nmpc"])
+def test_estimates_stay_where_a_cylinder_can_be(name, made):
+    controller, rng = made(name), np.random.default_rng(3)
+    rows = track(controller, SINE, 200)
+    controller.reset(at_rest(x=0.25), rows[: controller.preview])
+    for k in range(200):
+        wild = Measurement(rng.uniform(-50.0, 50.0), *rng.uniform(-1e7, 1e7, 2), FIVE_BAR)
+        controller.step(wild, rows[k : k + controller.preview])
+        x, v, p1, p2 = controller.memory[:4]
+        assert abs(v) <= 20.0 and -0.005 <= x <= 0.505
+        assert min(p1, p2) > 0.0 and max(p1, p2) <= 2.0 * FIVE_BAR
+
+
+class Broken(Controller):
+    """Commands NaN every other sample; counts its restarts."""
+
+    name = "broken"
+    starts = 0
+
+    def retune(self, gains):
+        self.gains = gains
+
+    def _start(self, _):
+        self.starts, self.samples = self.starts + 1, 0
+
+    def _command(self, *_):
+        self.samples += 1
+        return 3.0 if self.samples % 2 else math.nan
+
+
+def test_a_command_that_is_not_finite_closes_the_valve_and_restarts():
+    controller = Broken(1e-3, -10.0, 10.0, 0.5)
+    controller.reset(at_rest(), np.zeros((2, 4)))
+    assert [controller.step(at_rest(), np.zeros((2, 4))) for _ in range(4)] == [3.0, 0.5, 3.0, 0.5]
+    assert controller.starts == 3
+
+
+class Probe:
+    """A plant that stands still and notes what it is given."""
+
+    def __init__(self):
+        self.given, self.array = [], np.array([0.2])
+
+    def reset(self, *_):
+        self.given.clear()
+
+    def step(self, u, _):
+        self.given.append(u)
+
+    def measure(self, _):
+        return {"x": 0.2, "p1": 4e5, "p2": 4e5}
+
+
+def test_a_command_acts_one_sample_after_the_measurement_it_answers():
+    controller, plant = Broken(1e-3, -10.0, 10.0, 0.5), Probe()
+    run = loop.run(controller, plant, replace(REST, duration=5e-3), FIVE_BAR, seed=None)
+    assert plant.given == [0.5, 3.0, 0.5, 3.0, 0.5]
+    assert run.u.tolist() == plant.given
 
 
 @pytest.mark.parametrize("name", NAMES)

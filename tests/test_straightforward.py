@@ -27,7 +27,7 @@ def test_baseline_and_product_meet_at_one_optimum():
     found = solve_straightforward(
         plant, theta, plant.parameter_names, runs[0].data, nodes, product.substeps, options=INTERPRETED
     )
-    assert found["status"] == "Solve_Succeeded"
+    assert found["status"] in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
     assert product.exact is not None
     # the product adds a weak prior on the first bristle state and stops at 1e-3 of the gradient
     assert 2 * found["cost"] / len(plant.outputs) == pytest.approx(2 * product.exact.cost / 900, rel=1e-4)

@@ -37,6 +37,9 @@ MOVED = 5.0
 SAME = 0.01
 """Curves that differ by less than this share of the largest force are drawn as one."""
 
+LEAST_NEAR = 50
+"""Samples near zero speed below which that panel is left out."""
+
 POINTS = 400_000
 """Samples beyond this number are thinned evenly."""
 
@@ -164,35 +167,37 @@ def friction_curve(comparison: Comparison) -> Figure:
     x = float(np.median(np.concatenate([run.motion.x for run in runs])))
     top = max(float(np.percentile(np.abs(data.v), 99.5)), 1e-6)
     near = float(np.clip(6.0 * model.values.get("vs", 0.01), 0.02 * top, 0.1 * top))
+    panels = [("all speeds", top, 24)]
+    if np.count_nonzero(np.abs(data.v) < near) >= LEAST_NEAR:
+        panels.append(("near zero speed", near, 16))
     figure = new_figure(4.1)
-    whole, close = figure.subplots(1, 2, width_ratios=[1.3, 1.0])
-    count = int(group.max()) + 1
-    pressures = []
-    for k in range(count):
-        own = data.part(group == k)
-        pressures.append((float(np.median(own.p1)), float(np.median(own.p2))))
-        label = f"data, {_condition_words(runs, *pressures[-1], model.rig.patm)}"
-        _data_marks(whole, own, top, 24, _color(k, count), "osD"[k], label)
-        _data_marks(close, own, near, 16, _color(k, count), "osD"[k], label)
-    _model_lines(whole, model, pressures, x, top, runs)
-    _model_lines(close, model, pressures, x, near, runs)
-    for axes, reach in ((whole, top), (close, near)):
-        axes.axhline(0.0, color="#555555", lw=0.7, zorder=1)
-        axes.axvline(0.0, color="#555555", lw=0.7, zorder=1)
-        # the frame belongs to the data; a model far off leaves it
-        inside = data.force[np.abs(data.v) <= reach]
-        low, high = np.percentile(inside if inside.size else data.force, [0.5, 99.5])
-        margin = 0.25 * max(float(high - low), 1e-3)
-        axes.set_ylim(min(low, 0.0) - margin, max(high, 0.0) + margin)
-        axes.set_xlim(*(1.03 * shown("v", np.array([-reach, reach]), 0.0)))
-        axes.set_xlabel(axis_label("v"))
-        axes.xaxis.set_major_locator(ticks(6))
-    whole.set_ylabel("resisting force (N)")
-    whole.set_title("all speeds")
-    close.set_title("near zero speed")
-    handles, labels = whole.get_legend_handles_labels()
+    row = figure.subplots(1, len(panels), width_ratios=[1.3, 1.0][: len(panels)], squeeze=False)[0]
+    kept = [data.part(group == k) for k in range(int(group.max()) + 1)]
+    pressures = [(float(np.median(own.p1)), float(np.median(own.p2))) for own in kept]
+    for axes, (title, reach, bins) in zip(row, panels, strict=True):
+        for k, own in enumerate(kept):
+            label = f"data{_condition_words(runs, *pressures[k], model.rig.patm)}"
+            _data_marks(axes, own, reach, bins, _color(k, len(kept)), "osD"[k], label)
+        _model_lines(axes, model, pressures, x, reach, runs)
+        _frame(axes, data, reach)
+        axes.set_title(title)
+    row[0].set_ylabel("resisting force (N)")
+    handles, labels = row[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper left", ncols=2)
     return figure
+
+
+def _frame(axes: Axes, data: Sliding, reach: float) -> None:
+    """Limits, axes through zero and the label of speed; the frame belongs to the data, a model far off leaves it."""
+    inside = data.force[np.abs(data.v) <= reach]
+    low, high = np.percentile(inside if inside.size else data.force, [0.5, 99.5])
+    margin = 0.25 * max(float(high - low), 1e-3)
+    axes.set_ylim(min(low, 0.0) - margin, max(high, 0.0) + margin)
+    axes.axhline(0.0, color="#555555", lw=0.7, zorder=1)
+    axes.axvline(0.0, color="#555555", lw=0.7, zorder=1)
+    axes.set_xlim(*(1.03 * shown("v", np.array([-reach, reach]), 0.0)))
+    axes.set_xlabel(axis_label("v"))
+    axes.xaxis.set_major_locator(ticks(6))
 
 
 def _color(k: int, count: int) -> str:
@@ -213,19 +218,18 @@ def _model_lines(
         axes.plot(drawn, forces[0], color=style.MEASURED, lw=1.5, zorder=4, label="model, the same at every pressure")
         return
     for k, (at, force) in enumerate(zip(pressures, forces, strict=True)):
-        label = f"model, {_condition_words(runs, *at, model.rig.patm)}"
+        label = f"model{_condition_words(runs, *at, model.rig.patm)}"
         axes.plot(drawn, force, color=_color(k, len(forces)), lw=1.7, zorder=4, label=label)
 
 
 def _condition_words(runs: Sequence[Run], p1: float, p2: float, patm: float) -> str:
-    recorded = [name for name in ("p1", "p2") if any(name in run.recording.signals for run in runs)]
-    if not recorded:
-        return "no pressure"
+    """Pressures of a condition behind a comma; nothing on a rig without pressure sensors."""
+    recorded = {name for run in runs for name in run.recording.recorded}
     values = {"p1": ("p₁", p1), "p2": ("p₂", p2)}
     words = ", ".join(
         f"{symbol} {fixed(float(shown(name, p, patm)), 0)}" for name, (symbol, p) in values.items() if name in recorded
     )
-    return f"{words} kPa gauge"
+    return f", {words} kPa gauge" if words else ""
 
 
 def _data_marks(axes: Axes, data: Sliding, reach: float, bins: int, color: str, mark: str, label: str) -> None:

@@ -24,13 +24,21 @@ from pneuid.report.decision_figures import (
 from pneuid.report.friction_figure import friction_curve
 from pneuid.report.html import Items, Paragraph, Part, Picture, Section, Table
 from pneuid.report.quantities import handy, number, percent, probability, times, with_error
-from pneuid.report.signal_figures import errors_bar, errors_of, overlay, residual_map, telling_run, worst_span
+from pneuid.report.signal_figures import (
+    errors_bar,
+    errors_of,
+    overlay,
+    residual_map,
+    role_word,
+    telling_run,
+    worst_span,
+)
 from pneuid.report.style import error_unit
 
 NOISE_LIKE = 1.15
 """Error over noise floor up to which a signal counts as predicted down to the noise."""
 
-ROLES = {"train": "training", "hold_out": "held out"}
+ROLES = {"train": "training", "hold_out": "held-out"}
 
 
 # --- what it says ---
@@ -48,7 +56,8 @@ def summary(comparison: Comparison) -> Section:
     errors = errors_of(comparison, role)
     lines = [_error_sentence(name, item, model.plant.servo) for name, item in errors.items()]
     if lines:
-        what = "Held-out runs" if role == "hold_out" else "Training runs (none was held out)"
+        word = role_word(comparison, role)
+        what = f"{word.capitalize()} runs{' (none was held out)' if word == 'training' else ''}"
         parts += [Paragraph(f"{what}:"), Items(tuple(lines))]
     parts += [_judgement(errors), *_where(comparison)]
     return Section("Summary", tuple(parts))
@@ -123,7 +132,7 @@ def parameters(model: Model) -> Section:
         parts.append(Paragraph("Fc, Fs, vs and sigma2 are the values at zero gauge pressure.", "note"))
     fit = model.fit
     about = (
-        f"Fit: {fit.stage}, {fit.solver}, {_count(fit.iterations, 'iteration')}, {number(fit.seconds, 2)} s; "
+        f"Fit: {fit.status}; {fit.solver}, {_count(fit.iterations, 'iteration')}, {number(fit.seconds, 2)} s; "
         f"mean squared weighted residual {number(fit.cost_per_sample)} (1 when only noise is left)."
     )
     return Section("Parameters", (*parts, table, Paragraph(about)))
@@ -139,23 +148,31 @@ def _parameter_row(item: Estimate, owned: bool) -> tuple[str, ...]:
 
 def errors(comparison: Comparison) -> Section:
     """Error beside noise floor per signal and role."""
-    rows = []
+    servo = comparison.model.plant.servo
+    rows: list[tuple[str, ...]] = []
     for role, found in (("train", comparison.train), ("hold_out", comparison.hold_out)):
         for name, item in found.items():
             unit = error_unit(name, item.rmse if np.isfinite(item.rmse) else item.noise_floor)
             cells = [_shown(value * unit.factor) for value in (item.rmse, item.noise_floor, item.free_run_rmse)]
             ratio = times(item.rmse / item.noise_floor) if item.noise_floor > 0 else "—"
             fit = f"{item.fit_percent:.1f} %".replace("-", "−")
-            rows.append((name, ROLES[role], cells[0], cells[1], ratio, unit.unit, fit, cells[2]))
-    heads = ("signal", "runs", "error rms", "noise floor", "ratio", "unit", "fit", "free run rms")
-    kind = (
-        "200 ms ahead from a state estimated on the 100 ms before"
-        if comparison.model.plant.servo
-        else "over whole runs"
+            rows.append(
+                (name, role_word(comparison, role), *cells[:2], ratio, unit.unit, fit, *(cells[2:] if servo else ()))
+            )
+    heads = (
+        "signal",
+        "runs",
+        "error rms",
+        "noise floor",
+        "ratio",
+        "unit",
+        "fit",
+        *(("free run rms",) if servo else ()),
     )
-    table = Table(heads, tuple(rows), "llrrrlrr", f"Error: {kind}, parameters frozen.")
+    kind = "200 ms ahead from a state estimated on the 100 ms before" if servo else "over whole runs"
+    table = Table(heads, tuple(rows), "llrrrlr" + "r" * servo, f"Error: {kind}, parameters frozen.")
     caption = "Distance to the noise floor: what the sensors' noise alone would give on data of a perfect model."
-    picture = Picture(errors_bar(comparison), "Error over noise floor per signal, training and held-out runs", caption)
+    picture = Picture(errors_bar(comparison), "Error over noise floor per signal and kind of run", caption)
     return Section("Errors", (picture, table))
 
 

@@ -27,11 +27,12 @@ from pneuid.report.style import (
 )
 from pneuid.signals import PRESSURES, SIGNALS
 
-ROLE_WORDS = {"train": "training run", "hold_out": "held-out run"}
 MAP_POINTS = 6000
 """Points of a residual map; more would only darken it."""
 
-ZOOM_SECONDS = 1.0
+ZOOM_SECONDS, ZOOM_SHARE = 1.0, 0.06
+"""Length of the enlarged stretch: at least so many seconds and so much of the run."""
+
 LEAST_PRESSURE_RANGE = 10.0e3
 """A pressure that varies less than this is no axis worth drawing, Pa."""
 
@@ -44,6 +45,17 @@ def errors_of(comparison: Comparison, role: str) -> dict[str, SignalError]:
     return chosen or other
 
 
+def role_word(comparison: Comparison, role: str) -> str:
+    """``held-out``, ``training``, or ``compared`` for runs that the model was not fitted on."""
+    if role == "hold_out":
+        return "held-out"
+    fitted = {item.sha256 for item in comparison.model.data if item.role == "train"}
+    own = {
+        item.run.recording.sha256 for item, r in zip(comparison.predictions, comparison.roles, strict=True) if r == role
+    }
+    return "training" if not fitted or not own or own & fitted else "compared"
+
+
 def telling_run(comparison: Comparison) -> int:
     """Number of the prediction with the largest error in noise floors, a held-out one where there is one."""
     held = [k for k, role in enumerate(comparison.roles) if role == "hold_out"]
@@ -53,10 +65,11 @@ def telling_run(comparison: Comparison) -> int:
     return max(candidates, key=lambda k: _misfit(comparison, k).mean())
 
 
-def worst_span(comparison: Comparison, run: int, seconds: float = ZOOM_SECONDS) -> tuple[float, float]:
-    """The stretch (s) of one run in which the error in noise floors is largest."""
+def worst_span(comparison: Comparison, run: int) -> tuple[float, float]:
+    """The stretch (s) of one run in which the error in noise floors is largest: 1 s, longer in a long run."""
     item = comparison.predictions[run]
     t = item.run.t[item.index]
+    seconds = max(ZOOM_SECONDS, ZOOM_SHARE * float(item.run.t[-1] - item.run.t[0]))
     if t.size < 2 or t[-1] - t[0] <= seconds:
         return float(item.run.t[0]), float(item.run.t[-1])
     total = np.concatenate([[0.0], np.cumsum(_misfit(comparison, run))])
@@ -113,7 +126,7 @@ def overlay(
         for panel in axes:
             panel.axvspan(*mark, color="#faf3dc", lw=0, zorder=0)
     stretch = f", {t0:.2f} s to {t1:.2f} s" if span else ""
-    axes[0].set_title(f"{plain(ahead.run.name)}, {ROLE_WORDS[comparison.roles[k]]}{stretch}")
+    axes[0].set_title(f"{plain(ahead.run.name)}, {role_word(comparison, comparison.roles[k])} run{stretch}")
     figure.legend(handles=_overlay_legend(ahead is free), loc="outside upper left", ncols=5)
     return figure
 
@@ -246,10 +259,13 @@ def residual_map(comparison: Comparison) -> Figure:
 
 
 def _judged(comparison: Comparison) -> tuple[list[Prediction], dict[str, SignalError]]:
-    """Held-out predictions, or all where none is held out, and their errors."""
-    role = "hold_out" if "hold_out" in comparison.roles else "train"
-    chosen = [item for item, own in zip(comparison.predictions, comparison.roles, strict=True) if own == role]
-    return [item for item in chosen if item.index.size], errors_of(comparison, role)
+    """Held-out predictions with samples, else those of training runs, and their errors."""
+    by_role: dict[str, list[Prediction]] = {"hold_out": [], "train": []}
+    for item, role in zip(comparison.predictions, comparison.roles, strict=True):
+        if item.index.size:
+            by_role[role].append(item)
+    role = "hold_out" if by_role["hold_out"] else "train"
+    return by_role[role], errors_of(comparison, role)
 
 
 def _feature(item: Prediction, name: str) -> np.ndarray:
@@ -313,21 +329,23 @@ def errors_bar(comparison: Comparison) -> Figure:
     axes.set_xscale("log")
     axes.set_xlim(0.85 * min(reached), max(1.25 * max(reached), 3.0))
     plain_log(axes.xaxis)
-    names = {"train": "training", "hold_out": "held out"}
-    axes.set_yticks(at, [f"{SIGNALS[signal].symbol}, {names[role]}" for signal, role in rows])
+    words = {role: role_word(comparison, role) for role in roles}
+    axes.set_yticks(at, [f"{SIGNALS[signal].symbol}, {words[role]}" for signal, role in rows])
     axes.set_ylim(len(rows) + 0.6 * len(outputs) - 0.9, -0.7)
     axes.set_xlabel("error / noise floor (both rms)")
     quiet_grid(axes, "x")
-    figure.legend(handles=_error_legend(roles, comparison.model.plant.servo), loc="outside upper left", ncols=4)
+    figure.legend(handles=_error_legend(words, comparison.model.plant.servo), loc="outside upper left", ncols=4)
     return figure
 
 
-def _error_legend(roles: list[str], servo: bool) -> list[Line2D]:
+_ROLE_COLOR = {"train": style.NEUTRAL, "hold_out": style.SIMULATED}
+
+
+def _error_legend(words: dict[str, str], servo: bool) -> list[Line2D]:
     def dot(color: str, label: str) -> Line2D:
         return Line2D([], [], color=color, marker="o", ms=8, lw=3, label=label)
 
-    handles = [dot(style.NEUTRAL, "training runs")] if "train" in roles else []
-    handles += [dot(style.SIMULATED, "held-out runs")] if "hold_out" in roles else []
+    handles = [dot(_ROLE_COLOR[role], f"{word} runs") for role, word in words.items()]
     if servo:
         handles.append(Line2D([], [], color=style.FREE_RUN, marker="|", ms=12, mew=2.5, ls="", label="free run"))
     return [*handles, Line2D([], [], color=style.FLOOR, lw=2.5, label="noise floor")]
@@ -336,7 +354,7 @@ def _error_legend(roles: list[str], servo: bool) -> list[Line2D]:
 def _error_row(axes: Axes, y: float, signal: str, item: SignalError, role: str) -> list[float]:
     """One mark on its stem from the noise floor, with its words at the right; returns the ratios drawn."""
     floor = _positive(item.noise_floor)
-    color = style.SIMULATED if role == "hold_out" else style.NEUTRAL
+    color = _ROLE_COLOR[role]
     drawn = []
     words = "diverged"
     if np.isfinite(item.rmse):

@@ -67,7 +67,6 @@ _RC: Any = {
     "lines.linewidth": 1.1,
     "axes.formatter.useoffset": False,
     "axes.formatter.limits": (-4, 6),
-    "axes.formatter.use_mathtext": True,
     "figure.facecolor": "white",
     "axes.facecolor": "white",
     "savefig.facecolor": "white",

@@ -1,0 +1,92 @@
+"""The real measurements: EMPS and Zillen, beside the published figures.
+
+    python benchmarks/real_data.py --data ../shared/data/real
+
+The data are not shipped; see ``scenarios/real/README.md`` for where they come from.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import butter, filtfilt
+
+import pneuid
+from pneuid import api
+from pneuid.resources import scenario_path
+
+EMPS = {"mass": 95.1089, "sigma2": 203.5034, "Fc": 20.3935, "F_g": -3.1648}
+"""Janot, Gautier, Brunot 2019: kg, N/(m/s), N, N."""
+
+EMPS_DIRECTION = {"mass": 95.154, "Fv+": 166.71, "Fv-": 240.42, "Fc+": 20.144, "Fc-": 20.628}
+
+ZILLEN_SLOPE = 0.66
+"""Zillen, Vallery, Smit 2021: N/bar, O-ring."""
+
+
+def relative_error(measured: np.ndarray, predicted: np.ndarray, rate: float) -> float:
+    """Published metric: after a 100 Hz zero-phase filter, every tenth sample."""
+    b, a = butter(4, 100.0 / (0.5 * rate))
+    f, g = (filtfilt(b, a, signal)[::10] for signal in (measured, predicted))
+    return float(np.linalg.norm(f - g) / np.linalg.norm(f))
+
+
+def emps(folder: Path) -> None:
+    """Fit, diagnose, fit with what was named."""
+    rig = pneuid.Rig.from_toml(scenario_path("real/emps/rig.toml"))
+    run = pneuid.Recording.read(folder / "emps" / "DATA_EMPS.mat", rig)
+    base = pneuid.fit(rig, [run], add=["load_mass", "gravity"])
+    print("EMPS, coulomb + load_mass + gravity")
+    for name, published in EMPS.items():
+        print(f"  {name:7s} {base.values[name]:9.3f}  published {published:9.3f}  {100 * (base.values[name] / published - 1):+.2f} %")
+    error = relative_error(run.signals["F"], base.simulate(run)["F"], run.rate)
+    print(f"  relative error {100 * error:.2f} %  published 4.08 %")
+    found = base.diagnose([run])
+    print(f"  diagnose: {found.verdict} {list(found.effects)}; {'; '.join(found.sentences)}")
+    better = pneuid.fit(rig, [run], add=["load_mass", "friction_direction"])
+    v = better.values
+    fitted = {
+        "mass": v["mass"], "Fv+": v["sigma2"] + v["sigma2_d"], "Fv-": v["sigma2"] - v["sigma2_d"],
+        "Fc+": v["Fc"] + v["Fc_d"], "Fc-": v["Fc"] - v["Fc_d"],
+    }  # fmt: skip
+    print("EMPS, coulomb + load_mass + friction_direction")
+    for name, published in EMPS_DIRECTION.items():
+        print(f"  {name:7s} {fitted[name]:9.3f}  published {published:9.3f}  {100 * (fitted[name] / published - 1):+.2f} %")
+    error = relative_error(run.signals["F"], better.simulate(run)["F"], run.rate)
+    print(f"  relative error {100 * error:.2f} %")
+
+
+def zillen(folder: Path) -> None:
+    """Each pressure held out in turn, from a constant friction."""
+    rig = pneuid.Rig.from_toml(scenario_path("real/zillen/rig.toml"))
+    path = folder / "zillen_pneumatic_friction" / "friction"
+    runs = [pneuid.Recording.read(path / f"O-ring_{bar}bar.csv", rig) for bar in (1, 3, 5, 7)]
+    for k, held in enumerate(runs):
+        train = [run for run in runs if run is not held]
+        base = pneuid.fit(rig, train)
+        verdict = api.diagnose(base, train, [held])
+        found, values = verdict.diagnosis, verdict.best.values
+        slope = 1e5 * (values.get("k1", 0.0) + values.get("k2", 0.0))
+        accepted = [rung for rung in verdict.rungs if rung.accepted]
+        print(
+            f"Zillen O-ring, {held.name} held out: {found.verdict} {list(found.effects)}; rmse of F held out "
+            f"{accepted[0].hold_out['F']:.2f} -> {accepted[-1].hold_out['F']:.2f} N; slope {slope:.2f} N/bar (author {ZILLEN_SLOPE})"
+        )
+    every = pneuid.fit(rig, runs, add=["friction_pressure"])
+    print(f"Zillen O-ring, all runs: Fc = {every.values['Fc']:.2f} N + {1e5 * (every.values['k1'] + every.values['k2']):.2f} N/bar "
+          "(author 3.41 + 0.66)")  # fmt: skip
+
+
+def main() -> None:
+    """Run both."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=Path("../shared/data/real"))
+    given = parser.parse_args()
+    emps(given.data)
+    zillen(given.data)
+
+
+if __name__ == "__main__":
+    main()
