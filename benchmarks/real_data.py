@@ -33,6 +33,10 @@ def relative_error(measured: np.ndarray, predicted: np.ndarray, rate: float) -> 
     return float(np.linalg.norm(f - g) / np.linalg.norm(f))
 
 
+def _line(name: str, value: float, published: float) -> None:
+    print(f"  {name:7s} {value:9.3f}  published {published:9.3f}  {100 * (value / published - 1):+.2f} %")
+
+
 def emps(folder: Path) -> None:
     """Fit, diagnose, fit with what was named."""
     rig = pneuid.Rig.from_toml(scenario_path("real/emps/rig.toml"))
@@ -40,7 +44,7 @@ def emps(folder: Path) -> None:
     base = pneuid.fit(rig, [run], add=["load_mass", "gravity"])
     print("EMPS, coulomb + load_mass + gravity")
     for name, published in EMPS.items():
-        print(f"  {name:7s} {base.values[name]:9.3f}  published {published:9.3f}  {100 * (base.values[name] / published - 1):+.2f} %")
+        _line(name, base.values[name], published)
     error = relative_error(run.signals["F"], base.simulate(run)["F"], run.rate)
     print(f"  relative error {100 * error:.2f} %  published 4.08 %")
     found = base.diagnose([run])
@@ -53,7 +57,7 @@ def emps(folder: Path) -> None:
     }  # fmt: skip
     print("EMPS, coulomb + load_mass + friction_direction")
     for name, published in EMPS_DIRECTION.items():
-        print(f"  {name:7s} {fitted[name]:9.3f}  published {published:9.3f}  {100 * (fitted[name] / published - 1):+.2f} %")
+        _line(name, fitted[name], published)
     error = relative_error(run.signals["F"], better.simulate(run)["F"], run.rate)
     print(f"  relative error {100 * error:.2f} %")
 
@@ -63,7 +67,7 @@ def zillen(folder: Path) -> None:
     rig = pneuid.Rig.from_toml(scenario_path("real/zillen/rig.toml"))
     path = folder / "zillen_pneumatic_friction" / "friction"
     runs = [pneuid.Recording.read(path / f"O-ring_{bar}bar.csv", rig) for bar in (1, 3, 5, 7)]
-    for k, held in enumerate(runs):
+    for held in runs:
         train = [run for run in runs if run is not held]
         base = pneuid.fit(rig, train)
         verdict = api.diagnose(base, train, [held])
@@ -72,11 +76,12 @@ def zillen(folder: Path) -> None:
         accepted = [rung for rung in verdict.rungs if rung.accepted]
         print(
             f"Zillen O-ring, {held.name} held out: {found.verdict} {list(found.effects)}; rmse of F held out "
-            f"{accepted[0].hold_out['F']:.2f} -> {accepted[-1].hold_out['F']:.2f} N; slope {slope:.2f} N/bar (author {ZILLEN_SLOPE})"
+            f"{accepted[0].hold_out['F']:.2f} -> {accepted[-1].hold_out['F']:.2f} N; "
+            f"slope {slope:.2f} N/bar (author {ZILLEN_SLOPE})"
         )
     every = pneuid.fit(rig, runs, add=["friction_pressure"])
-    print(f"Zillen O-ring, all runs: Fc = {every.values['Fc']:.2f} N + {1e5 * (every.values['k1'] + every.values['k2']):.2f} N/bar "
-          "(author 3.41 + 0.66)")  # fmt: skip
+    slope = 1e5 * (every.values["k1"] + every.values["k2"])
+    print(f"Zillen O-ring, all runs: Fc = {every.values['Fc']:.2f} N + {slope:.2f} N/bar (author 3.41 + 0.66)")
 
 
 def main() -> None:

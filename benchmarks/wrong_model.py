@@ -1,4 +1,4 @@
-"""The riskiest assumption: what do the relaxed and the exact stage do when the model is wrong?
+"""The riskiest assumption: what the relaxed and the exact stage do when the model is wrong.
 
     python benchmarks/wrong_model.py --seeds 3 --out benchmarks/results/wrong_model.jsonl
 

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from matplotlib.figure import Figure
 from rich.console import Console
 
-from controllers.figures import draw_errors
+from controllers.figures import errors_figure
 from controllers.grid import Result, run_study
 from controllers.measure import measured_runs
 from controllers.registry import CONTROLLERS
@@ -18,14 +17,12 @@ from controllers.scenario import Scenario, read_scenario
 from pneuid import api
 from pneuid.criticism.comparison import Comparison
 from pneuid.criticism.decision import Verdict
-from pneuid.criticism.ladder import Rung, to_json
-from pneuid.diagnose import verdict_lines
+from pneuid.criticism.ladder import Rung, rung_of, to_json
 from pneuid.errors import ComputationError
-from pneuid.identify import rung_of
 from pneuid.model import Model
 from pneuid.report import sections
 from pneuid.report.html import Paragraph, Picture, Section, Table, write_report
-from pneuid.report.summary import metrics_json, summary_lines
+from pneuid.report.summary import metrics_json, summary_lines, verdict_lines
 from pneuid.resources import scenario_path
 from pneuid.story import Runs, demo_runs
 from pneuid.terminal import Progress, write_json
@@ -126,12 +123,7 @@ def write_chain(chain: Chain, scenario: Scenario, truth: TruthServo, folder: Pat
 def _tracking_section(
     results: Sequence[Result], rows: Sequence[tuple], scenario: Scenario, truth: TruthServo
 ) -> Section:
-    references = list(dict.fromkeys(result.reference for result in results))
-    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
-    for axes, reference in zip(figure.subplots(1, len(references), squeeze=False)[0], references, strict=True):
-        draw_errors(axes, results, reference, truth.patm)
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize="small")
+    figure = errors_figure(results, truth.patm)
     cells = tuple(
         (label, reference, f"{bar:g}", f"{was:.3f}", f"{now:.3f}", f"{100 * (now / was - 1):+.0f} %")
         for label, reference, bar, was, now in rows

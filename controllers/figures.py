@@ -82,6 +82,17 @@ def save_figures(results: Sequence[Result], title: str, design_supply: float, pa
     return paths
 
 
+def errors_figure(results: Sequence[Result], patm: float) -> Figure:
+    """RMS error by supply pressure, one panel per reference, one legend."""
+    references = list(dict.fromkeys(result.reference for result in results))
+    figure = Figure(figsize=(11.0, 5.0), layout="constrained")
+    for axes, reference in zip(figure.subplots(1, len(references), squeeze=False)[0], references, strict=True):
+        draw_errors(axes, results, reference, patm)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize="small")
+    return figure
+
+
 def _tracking(results: Sequence[Result], model: str, design_supply: float, patm: float) -> Figure:
     own = [result for result in results if result.model == model and result.run is not None]
     figure = Figure(figsize=(10.0, 8.0), layout="constrained")

@@ -13,6 +13,7 @@ from pneuid.criticism.diagnosis import Diagnosis
 from pneuid.criticism.ladder import to_json
 from pneuid.errors import UserError
 from pneuid.report.reports import diagnose_report
+from pneuid.report.summary import verdict_lines
 from pneuid.story import demo_runs, read_runs
 from pneuid.terminal import Progress, add_output_options, result_folder, run_command, write_json
 
@@ -62,29 +63,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         console.print(line)
     console.print(f"report: {folder / 'report.html'}")
     console.print(f"next: {_next(diagnosis, str(path), given, str(folder), embedded)}")
-
-
-def verdict_lines(diagnosis: Diagnosis) -> list[str]:
-    """The verdict and its evidence, a line each."""
-    words = {
-        "adequate": "nothing is missing above the noise",
-        "effect": f"missing: {', '.join(diagnosis.effects)}",
-        "ambiguous": f"missing: one of {', '.join(diagnosis.effects)}; these data cannot tell which",
-        "unknown": "something is missing that the catalogue does not hold",
-    }
-    lines = [f"verdict: {diagnosis.verdict} - {words[diagnosis.verdict]}", *diagnosis.sentences]
-    for item in diagnosis.ranking[:4]:
-        tested = (
-            "screened only"
-            if item.excess_explained is None
-            else f"explains {100 * item.excess_explained:.1f} % held out"
-        )
-        lines.append(f"  {item.effect:20s} predicted drop of the cost {100 * item.screen_gain:5.1f} %, {tested}")
-    if diagnosis.unknown is not None:
-        rest = diagnosis.unknown
-        where = ", ".join(rest.depends_on)
-        lines.append(f"unexplained: {rest.rms:.3g} {rest.unit} rms in equation {rest.equation}, follows {where}")
-    return lines
 
 
 def _next(diagnosis: Diagnosis, path: str, given: argparse.Namespace, folder: str, embedded: bool) -> str:

@@ -78,6 +78,9 @@ class Scope:
     opening_1: Expression = None
     opening_2: Expression = None
     supply_flow: Expression = None
+    """Mass flow drawn from the supply, kg/s."""
+    full_flow: Expression = None
+    """Choked flow from the nominal supply through the fully open valve, kg/s."""
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,14 @@ from rich.console import Console
 from pneuid import api
 from pneuid.criticism.comparison import Comparison
 from pneuid.criticism.diagnosis import Diagnosis
-from pneuid.criticism.ladder import Rung, from_json, read_ladder, to_json
+from pneuid.criticism.ladder import Rung, from_json, rung_of, to_json
 from pneuid.errors import UserError
 from pneuid.model import file_sha256
 from pneuid.physics.friction import LAWS
 from pneuid.report.reports import identify_report
 from pneuid.report.summary import metrics_json, summary_lines
 from pneuid.rig import Rig
-from pneuid.story import Runs, demo_runs, read_runs
+from pneuid.story import Runs, demo_runs, read_ladder, read_runs
 from pneuid.terminal import Progress, add_output_options, result_folder, run_command, write_json
 
 _EXAMPLE = """example:
@@ -102,17 +102,6 @@ def _ladder(given: argparse.Namespace, parent: api.IdentifiedModel | None) -> li
         tried = from_json(raw.get("rungs", []), given.diagnosis) if isinstance(raw, dict) else []
         rungs += [rung for rung in tried if not rung.accepted]
     return rungs
-
-
-def rung_of(comparison: Comparison, added: str | None) -> Rung:
-    """The ladder's rung for a compared model."""
-    floors = comparison.hold_out or comparison.train
-    return Rung(
-        effects=comparison.model.effects, added=added, accepted=True,
-        train={name: item.rmse for name, item in comparison.train.items()},
-        hold_out={name: item.rmse for name, item in comparison.hold_out.items()},
-        noise_floor={name: item.noise_floor for name, item in floors.items()}, parameters=len(comparison.model.parameters),
-    )  # fmt: skip
 
 
 def write_results(

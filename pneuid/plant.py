@@ -17,6 +17,7 @@ import numpy as np
 from pneuid.effect import Constraint, Effect, Parameter, Scope, State
 from pneuid.physics import chamber, friction, motion, valve
 from pneuid.physics.friction import LAWS
+from pneuid.physics.gas import RHO_REFERENCE
 from pneuid.physics.smoothing import FINE, Expression, Smoothing
 from pneuid.rig import Rig
 
@@ -76,7 +77,7 @@ def _base_parameters(rig: Rig, law: friction.FrictionLaw) -> tuple[Parameter, ..
 
     every = {
         "Fc": positive("Fc", "F_c", "N", force, 1e3),
-        "Fs": positive("Fs", "F_s", "N", 1.5 * force, 1e3),
+        "Fs": positive("Fs", "F_s", "N", 1.5 * force, 1e3, prior=2.5),
         # weak priors: records without slow motion leave the pre-sliding coefficients open by orders of magnitude
         "vs": Parameter("vs", "v_s", "m/s", 2e-4, 0.5, 0.01, 1.0, source, positive=True, prior=2.0),
         "sigma0": positive("sigma0", "σ0", "N/m", force / 3e-5, 1e3, prior=2.5),
@@ -220,7 +221,7 @@ class Plant:
         mdot2 = supply_2 - edge_1 * flow(p2, th["patm"])
         for scope in scopes:
             scope.psup, scope.opening_1, scope.opening_2 = psup, edge_1, edge_2
-            scope.supply_flow = supply_1 + supply_2
+            scope.supply_flow, scope.full_flow = supply_1 + supply_2, th["C"] * RHO_REFERENCE * known["psup"]
         for effect, scope in zip(self.effects, scopes, strict=True):
             mdot1, mdot2 = effect.flows(mdot1, mdot2, scope)
         V1, V2 = th["V01"] + th["A1"] * x, th["V02"] + th["A2"] * (th["stroke"] - x)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from pneuid.api import IdentifiedModel
+from pneuid.criticism.ladder import Rung, from_json
 from pneuid.errors import UserError
 from pneuid.recording import Recording
 from pneuid.resources import scenario_path
@@ -39,6 +40,11 @@ def read_runs(paths: list[str], rig: Rig) -> list[Recording]:
     return [Recording.read(path, rig) for path in paths]
 
 
-def stated_sources(model: IdentifiedModel, role: str) -> list[str]:
-    """Files that the model was fitted on (``train``) or kept from the fit (``hold_out``)."""
-    return [item.file for item in model.content.data if item.role == role]
+def read_ladder(path: Path) -> list[Rung]:
+    """Rungs of ``path``, none where the file does not exist."""
+    if not path.exists():
+        return []
+    try:
+        return from_json(json.loads(path.read_text(encoding="utf-8")), str(path))
+    except json.JSONDecodeError as error:
+        raise UserError(f"{path}: line {error.lineno}: not JSON ({error.msg})") from error

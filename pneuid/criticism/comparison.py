@@ -99,8 +99,9 @@ def compare(
     on_train, ahead, free = signal_errors(still, runs) if runs else ({}, [], [])
     on_hold, ahead_held, free_held = signal_errors(still, held) if held else ({}, [], [])
     every = [*ahead, *ahead_held]
+    floors = {name: item.noise_floor for name, item in (on_hold or on_train).items()}
     return Comparison(
-        model=model, train=on_train, hold_out=on_hold, where=tuple(find_regions(every, still.plant)),
+        model=model, train=on_train, hold_out=on_hold, where=tuple(find_regions(every, still.plant, floors)),
         defects=tuple(equation_defects(fit)) if fit is not None else (), predictions=tuple(every),
         free=(*free, *free_held), roles=("train",) * len(ahead) + ("hold_out",) * len(ahead_held),
     )  # fmt: skip

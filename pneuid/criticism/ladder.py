@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
+from pneuid.criticism.comparison import Comparison
 from pneuid.errors import UserError
 
 
@@ -37,11 +36,12 @@ def from_json(raw: Any, where: str) -> list[Rung]:
         raise UserError(f"{where}: not a ladder.json ({error})") from error
 
 
-def read_ladder(path: Path) -> list[Rung]:
-    """Rungs of ``path``, none where the file does not exist."""
-    if not path.exists():
-        return []
-    try:
-        return from_json(json.loads(path.read_text(encoding="utf-8")), str(path))
-    except json.JSONDecodeError as error:
-        raise UserError(f"{path}: line {error.lineno}: not JSON ({error.msg})") from error
+def rung_of(comparison: Comparison, added: str | None) -> Rung:
+    """The ladder's rung for a compared model."""
+    floors = comparison.hold_out or comparison.train
+    return Rung(
+        effects=comparison.model.effects, added=added, accepted=True,
+        train={name: item.rmse for name, item in comparison.train.items()},
+        hold_out={name: item.rmse for name, item in comparison.hold_out.items()},
+        noise_floor={name: item.noise_floor for name, item in floors.items()}, parameters=len(comparison.model.parameters),
+    )  # fmt: skip

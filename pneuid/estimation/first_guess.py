@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import casadi as ca
 import numpy as np
 
 from pneuid.estimation.differentiate import Motion
@@ -127,9 +128,36 @@ def first_nodes(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion], valu
         if plant.servo:
             for signal in ("p1", "p2"):
                 states[signal] = _averaged(run.measured(signal))[at]
-        states |= {state.name: np.full(at.size, state.initial) for state in plant.effect_states}
+        own = _effect_states(plant, run, motion, values) if plant.effect_states else {}
+        states |= {name: value[at] for name, value in own.items()}
         columns.append(np.vstack([states[name] for name in plant.states]))
     return np.hstack(columns)
+
+
+def _effect_states(plant: Plant, run: Run, motion: Motion, values: dict) -> dict[str, np.ndarray]:
+    """States ``(N,)`` that the effects bring, followed along the measured trajectory from their initial values."""
+    s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
+    theta = ca.SX.sym("theta", len(plant.theta_names))
+    relaxing = plant.evaluate(s, w, theta).relaxing[1:]
+    rates = ca.Function("rates", [s, w, theta], [ca.vertcat(*(item[0] for item in relaxing)),
+                                                 ca.vertcat(*(item[1] for item in relaxing))])  # fmt: skip
+    given = np.vstack([run.input(name) for name in plant.inputs])
+    column = plant.theta(values, _no_ranges() | {"p1_high": 1e9, "p2_high": 1e9}, run.mass)
+    known = {"x": motion.x, "v": motion.v, "z": np.zeros(run.n)}
+    known |= {name: _averaged(run.measured(name)) for name in ("p1", "p2") if name in plant.outputs}
+    found = {state.name: np.full(run.n, state.initial) for state in plant.effect_states}
+    for _ in range(2):  # a target may depend on the state itself: once along the initial value, once along the result
+        states = np.vstack([(known | found)[name] for name in plant.states])
+        source, decay = (np.asarray(item) for item in rates(states, given, column[:, None]))
+        forget = np.exp(-decay * run.data[0])
+        settled = source / decay
+        for i, state in enumerate(plant.effect_states):
+            track = np.empty(run.n)
+            track[0] = state.initial
+            for k in range(run.n - 1):
+                track[k + 1] = settled[i, k] + (track[k] - settled[i, k]) * forget[i, k]
+            found[state.name] = track
+    return found
 
 
 def _no_ranges() -> dict[str, float]:

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from pneuid.criticism.comparison import Comparison, SignalError
+from pneuid.criticism.diagnosis import Diagnosis
 from pneuid.signals import SIGNALS
 from pneuid.units import to_display
 
@@ -47,4 +48,27 @@ def summary_lines(comparison: Comparison) -> list[str]:
         f"{region.region}"
         for region in comparison.where
     ]
+    return lines
+
+
+def verdict_lines(diagnosis: Diagnosis) -> list[str]:
+    """The verdict and its evidence, a line each."""
+    words = {
+        "adequate": "nothing is missing above the noise",
+        "effect": f"missing: {', '.join(diagnosis.effects)}",
+        "ambiguous": f"missing: one of {', '.join(diagnosis.effects)}; these data cannot tell which",
+        "unknown": "something is missing that the catalogue does not hold",
+    }
+    lines = [f"verdict: {diagnosis.verdict} - {words[diagnosis.verdict]}", *diagnosis.sentences]
+    for item in diagnosis.ranking[:4]:
+        tested = (
+            "screened only"
+            if item.excess_explained is None
+            else f"explains {100 * item.excess_explained:.1f} % held out"
+        )
+        lines.append(f"  {item.effect:20s} predicted drop of the cost {100 * item.screen_gain:5.1f} %, {tested}")
+    if diagnosis.unknown is not None:
+        rest = diagnosis.unknown
+        where = ", ".join(rest.depends_on)
+        lines.append(f"unexplained: {rest.rms:.3g} {rest.unit} rms in equation {rest.equation}, follows {where}")
     return lines
