@@ -7,6 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import make_smoothing_spline
 
+SEARCHED = 1500
+"""Samples on which the amount of smoothing is sought."""
+
+NEAR = 0.005
+"""Relative difference of residual and noise at which the search ends."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -32,14 +38,15 @@ def spline_motion(t: np.ndarray, x: np.ndarray, noise: float) -> Motion:
     # work in units of samples: the spline's system is badly scaled in seconds at kHz rates
     s = (t - t[0]) / step
     # sought on a stretch of the record where that is long: the same noise needs the same smoothing
-    piece = slice(0, min(s.size, 2000))
+    piece = slice(0, min(s.size, SEARCHED))
     low, high = -2.0, 14.0
-    for _ in range(14):
+    for _ in range(12):
         middle = 0.5 * (low + high)
-        if _residual(s[piece], x[piece], 10**middle) < noise:
-            low = middle
-        else:
-            high = middle
+        residual = _residual(s[piece], x[piece], 10**middle)
+        if abs(residual / noise - 1.0) < NEAR:
+            low = high = middle
+            break
+        low, high = (middle, high) if residual < noise else (low, middle)
     lam = 10 ** (0.5 * (low + high))
     spline = make_smoothing_spline(s, x, lam=lam)
     first, second = spline.derivative(1), spline.derivative(2)

@@ -158,7 +158,7 @@ def fit(
     return Fit(
         plant=plant, runs=runs, values={name: float(value) for name, value in values.items()}, ranges=ranges,
         noise=levels, substeps=substeps, stage="exact" if hard else "relaxed", converged=final.success,
-        status=_words(soft, hard, level, problem.relaxation, misfit), cost_per_sample=misfit, defect_level=level,
+        status=_words(hard, level, problem.relaxation, misfit), cost_per_sample=misfit, defect_level=level,
         iterations=soft.iterations + (hard.iterations if hard else 0), seconds=time.monotonic() - began, relaxed=soft,
         loose_cost=loose, problem=problem, exact=hard, spread=spread, verdicts=words,
         notes=tuple(note for run in runs for note in run.notes),
@@ -192,7 +192,7 @@ def _exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> O
     return hard if hard.success and sane else None
 
 
-def _words(soft: Outcome, hard: Outcome | None, level: float, relaxation: float, misfit: float) -> str:
+def _words(hard: Outcome | None, level: float, relaxation: float, misfit: float) -> str:
     if hard is not None:
         words = f"exact: continuity holds everywhere ({hard.status})"
         if misfit > MISFIT:
@@ -204,4 +204,4 @@ def _words(soft: Outcome, hard: Outcome | None, level: float, relaxation: float,
             f"relaxed: the model leaves jumps of {jump:.1f} times their allowance between intervals, "
             "so something is missing from it; no standard errors"
         )
-    return f"relaxed: exact continuity was not reached ({soft.status}); no standard errors"
+    return "relaxed: the exact fit did not converge, so the model's form is not quite that of the data; no standard errors"

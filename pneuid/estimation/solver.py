@@ -27,6 +27,10 @@ SETTLED_OVER = 6
 steps across the kinks of stick-slip go on zigzagging at that level for a hundred more."""
 
 SETTLED_GAIN = 1e-4
+SETTLED_EXACT = 1e-6
+
+CONTINUOUS = 1e-3
+"""Largest defect, in units of the state scale, of a point that counts as continuous (0.1 um, 10 um/s, 1 Pa, 10 nm)."""
 
 DAMPING_START = 0.1
 """Levenberg-Marquardt damping, relative to the Hessian's diagonal, after the first shortened step."""
@@ -159,6 +163,7 @@ class _Evaluator:
         self.iterations = 0
         self.best: tuple[float, np.ndarray] | None = None
         self.history: list[float] = []
+        self.feasible: tuple[float, np.ndarray] | None = None
         self.stopped = ""
         self.damping, self._trials, self._last = 0.0, 0, np.inf
         self._value_key, self._value = b"", (0.0, np.zeros(0))
@@ -208,10 +213,15 @@ class _Evaluator:
         self._trials, self._last = 0, cost
         hessian[self.assembly.hess_diagonal] *= 1.0 + self.damping
 
-    def after_iteration(self, cost: float) -> bool:
+    def after_iteration(self, X: np.ndarray, cost: float, g: np.ndarray) -> bool:
         """Report to the monitor; True when IPOPT should stop (settled, out of time, interrupted)."""
         self.iterations += 1
-        self.history.append(cost if self.best is None else self.best[0])
+        if self.relaxed:
+            self.history.append(cost if self.best is None else self.best[0])
+        elif np.all(np.abs(g[: self.assembly.ndef]) < CONTINUOUS):
+            if self.feasible is None or cost < self.feasible[0]:
+                self.feasible = (cost, X.copy())
+            self.history.append(self.feasible[0])
         if self.failure is None and self.monitor is not None:
             try:
                 self.monitor(self.stage, self.iterations, cost)
@@ -221,10 +231,11 @@ class _Evaluator:
             self.stopped = "Interrupted"
         elif time.monotonic() > self.deadline:
             self.stopped = "Time_Limit_Exceeded"
-        elif self.relaxed and len(self.history) > SETTLED_OVER:
+        elif len(self.history) > SETTLED_OVER:
             best = self.history[-1]
+            least = SETTLED_GAIN if self.relaxed else SETTLED_EXACT
             gain = self.history[-1 - SETTLED_OVER] - best
-            if gain < SETTLED_GAIN * abs(best) and cost < (1 + 10 * SETTLED_GAIN) * best:
+            if gain < least * abs(best) and cost < (1 + 10 * least) * best:
                 self.stopped = "Settled"
         return bool(self.stopped)
 
@@ -292,8 +303,8 @@ def _ipopt(evaluator: _Evaluator, options: dict) -> tuple[ca.Function, list[_Fun
     jac_g = _Function("pneuid_jac", evaluator, x_p, [dense_g, assembly.jac_sparsity], jacobian)
     hess = _Function("pneuid_hess", evaluator, x_p + lam, [assembly.hess_sparsity], hessian)
 
-    def progress(_: np.ndarray, given: list) -> list:
-        return [np.array([float(evaluator.after_iteration(float(given[1])))])]
+    def progress(X: np.ndarray, given: list) -> list:
+        return [np.array([float(evaluator.after_iteration(X, float(given[1]), np.asarray(given[2]).ravel()))])]
 
     shapes = [(n, 1), (1, 1), (m, 1), (n, 1), (m, 1), (0, 1)]
     each = _Function("pneuid_iteration", evaluator, shapes, [scalar], progress)
@@ -331,6 +342,8 @@ def _solve(
     if relaxed and evaluator.best is not None and not (np.isfinite(value) and value <= evaluator.best[0] * (1 + 1e-9)):
         X = evaluator.best[1]
         value = evaluator.value(X)[0]
+    if not relaxed and status == "Settled" and evaluator.feasible is not None:
+        X = evaluator.feasible[1]
     end, data_cost = problem.evaluate_values(X)
     penalty = 0.5 * float(np.sum((problem.defects(end, X) / problem.relaxation) ** 2))
     return Outcome(
