@@ -9,6 +9,7 @@ from helpers import RANGES, TRUTH, march, rig, step_function, values_of
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pneuid.api import plant_of
 from pneuid.errors import UserError
 from pneuid.physics.chamber import pressure_rate
 from pneuid.physics.friction import (
@@ -24,7 +25,6 @@ from pneuid.physics.motion import end_stop_force, pressure_force
 from pneuid.physics.smoothing import COARSE, FINE, absolute, positive_part, sign
 from pneuid.physics.valve import edges, flow_function, mass_flow, relative_command
 from pneuid.plant import Plant
-from pneuid.rig import Rig
 
 critical = st.floats(0.05, 0.8)
 pressures = st.floats(5e4, 1.2e6)
@@ -184,8 +184,8 @@ def _bench() -> tuple[Plant, np.ndarray, ca.Function, ca.Function]:
 def test_imposed_motion_settles_at_the_steady_force(v):
     plant, theta, step, force = _bench()
     w = np.array([0.25, v, 0.0, plant.rig.patm, plant.rig.patm])
-    # ten times the deflection at which the bristle breaks away
-    h = 1e-3 * 5e-4 / abs(v)
+    # twenty times the deflection at which the bristle breaks away: 2e-9 of the start is left
+    h = 1e-3 * 1e-3 / abs(v)
     path = march(step, np.zeros(1), w, np.zeros(5), h, 1000, theta)
     found = float(force(path[:, -1], w, theta))
     assert found == pytest.approx(float(steady_force(K, v, FINE.speed)), rel=1e-6)
@@ -207,19 +207,15 @@ def test_the_first_micrometre_is_a_spring_of_stiffness_sigma0():
 
 def test_a_law_fits_what_it_names_and_derives_the_rest():
     values = {name: TRUTH[name] for name in ("Fc", "Fs", "vs", "sigma0", "sigma1", "sigma2")}
-    found = {name: law.coefficients(values, 7e6, 300.0) for name, law in LAWS.items()}
+    found = {
+        law.name: law.coefficients({name: values[name] for name in law.fitted}, 7e6, 300.0) for law in LAWS.values()
+    }
     assert found["lugre"] == K
-    dahl = found["dahl"]
-    assert (dahl.Fs, dahl.sigma0, dahl.sigma1) == (12.0, 4e5, 250.0)
-    assert found["stribeck"].sigma0 == found["coulomb"].sigma0 == 7e6
-    assert found["stribeck"].sigma1 == 300.0
+    dahl, stribeck, coulomb = found["dahl"], found["stribeck"], found["coulomb"]
+    assert (dahl.Fs, dahl.sigma0, dahl.sigma1, dahl.sigma2) == (12.0, 4e5, 0.0, 45.0)
+    assert (stribeck.Fs, stribeck.vs, stribeck.sigma0, stribeck.sigma1) == (20.0, 0.008, 7e6, 300.0)
+    assert (coulomb.Fs, coulomb.sigma0, coulomb.sigma1) == (12.0, 7e6, 300.0)
     assert set(LAWS) == {"lugre", "dahl", "stribeck", "coulomb"}
-
-
-def test_the_dahl_law_has_no_bristle_damping():
-    fitted = {name: TRUTH[name] for name in LAWS["dahl"].fitted}
-    found = LAWS["dahl"].coefficients(fitted, 7e6, 300.0)
-    assert found.sigma1 == 0.0 and found.Fs == found.Fc
 
 
 # --- motion ---
@@ -247,40 +243,49 @@ def test_pressure_force_is_the_gauge_pressures_on_their_areas():
 # --- static laws on a servo rig: they stick ---
 
 
-def _pushed(law: str, newton: float, seconds: float, mass: str = "2.4 kg") -> tuple[Plant, np.ndarray]:
-    """Piston at rest with a closed valve, isobaric (large dead volumes), pushed by a net force."""
-    stand: Rig = rig(
-        "servo", {"load": {"mass": mass}, "cylinder": {"dead_volume_1": "10 m^3", "dead_volume_2": "10 m^3"}}
-    )
+def _pushed(
+    law: str, newton: float, seconds: float, held: float | None = None, mass: str = "2.4 kg"
+) -> tuple[Plant, np.ndarray]:
+    """Piston at rest with a closed valve, isobaric (large dead volumes), pushed by a net force.
+
+    The bristle carries ``held`` newton at the start, the push itself unless said otherwise.
+    """
+    stand = rig("servo", {"load": {"mass": mass}, "cylinder": {"dead_volume_1": "10 m^3", "dead_volume_2": "10 m^3"}})
     plant = Plant(stand, law)
     theta = plant.theta(values_of(plant), RANGES)
     p2 = 3e5
     p1 = stand.patm + ((p2 - stand.patm) * stand.A2 + newton) / stand.A1
+    stiffness = theta[plant.theta_names.index("carrier_stiffness" if plant.law.static else "sigma0")]
     h = 0.25e-3
-    start = np.array([0.2, 0.0, p1, p2, 0.0])
+    start = np.array([0.2, 0.0, p1, p2, (newton if held is None else held) / stiffness])
     return plant, march(step_function(plant), start, np.array([0.0, 7e5]), np.zeros(2), h, round(seconds / h), theta)
 
 
-@pytest.mark.parametrize("law", ["coulomb", "stribeck", "dahl", "lugre"])
-def test_every_law_holds_a_push_below_its_coulomb_force(law):
-    _, path = _pushed(law, 0.75 * TRUTH["Fc"], 1.5)
-    settled = path[0, path.shape[1] // 3 :]
-    # the bristle gives by force over stiffness, then nothing creeps: less than 1 % of that in a second
-    give = path[0].max() - 0.2
-    assert give < 2.0 * TRUTH["Fs"] / TRUTH["sigma0"]
-    assert np.ptp(settled) < 0.01 * give + 1e-9
-    assert abs(path[1, -1]) < 1e-6
+STATIC_FORCE = {"coulomb": 12.0, "stribeck": 20.0, "dahl": 12.0, "lugre": 20.0}
 
 
-@pytest.mark.parametrize(("law", "holds"), [("coulomb", 12.0), ("stribeck", 20.0), ("dahl", 12.0), ("lugre", 20.0)])
-def test_every_law_breaks_away_at_its_static_force(law, holds):
-    assert _pushed(law, 1.1 * holds, 0.5)[1][0, -1] - 0.2 > 1e-3
-    assert _pushed(law, 0.9 * holds, 0.5)[1][0, -1] - 0.2 < 2e-4
+@pytest.mark.parametrize("law", STATIC_FORCE)
+@pytest.mark.parametrize("share", [-0.9, -0.5, 0.3, 0.9])
+def test_every_law_sticks_under_a_push_below_its_static_force(law, share):
+    seconds = 1.0
+    _, path = _pushed(law, share * STATIC_FORCE[law], seconds)
+    # the rounding of |v| lets a loaded bristle creep: v = width r/sqrt(1 - r^2) at the share r of the static force
+    creep = FINE.speed * abs(share) / np.sqrt(1.0 - share**2) * seconds
+    assert abs(path[0, -1] - 0.2) <= 1.05 * creep
+    assert np.sign(path[0, -1] - 0.2) == np.sign(share)
+    assert np.max(np.abs(path[1])) < 5e-6
+
+
+@pytest.mark.parametrize("law", STATIC_FORCE)
+def test_every_law_breaks_away_above_its_static_force(law):
+    holds = STATIC_FORCE[law]
+    _, path = _pushed(law, 1.1 * holds, 0.5, held=0.9 * holds)
+    assert path[0, -1] - 0.2 > 1e-3
 
 
 def test_a_sliding_piston_reaches_the_speed_at_which_viscous_friction_takes_the_rest():
     push = 30.0
-    _, path = _pushed("coulomb", push, 0.35, mass="0.5 kg")
+    _, path = _pushed("coulomb", push, 0.35, held=0.0, mass="0.5 kg")
     # m dv/dt = push - Fc - sigma2 v from rest: time constant 11 ms, then (30 - 12)/45 m/s
     assert path[1, -1] == pytest.approx((push - 12.0) / 45.0, rel=1e-3)
 
@@ -305,5 +310,5 @@ def test_a_run_with_a_payload_of_its_own_accelerates_less():
 
 
 def test_an_unknown_friction_law_is_refused():
-    with pytest.raises((UserError, KeyError)):
-        Plant(rig(), "glue")
+    with pytest.raises(UserError, match="stribeck"):
+        plant_of(rig(), friction="glue")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pneuid.criticism.defects import EquationDefect, equation_defects
 from pneuid.criticism.prediction import Frozen, Prediction, noise_floor, predict, predict_free, rmse
 from pneuid.criticism.regions import Region, find_regions
 from pneuid.estimation.fit import Fit
@@ -31,16 +32,6 @@ class SignalError:
     def excess(self) -> float:
         """``rmse^2 - noise_floor^2``."""
         return self.rmse**2 - self.noise_floor**2
-
-
-@dataclass(frozen=True)
-class EquationDefect:
-    """What one balance leaves unexplained between intervals: rms and what noise alone would leave, in ``unit``."""
-
-    equation: str
-    unit: str
-    rms: float
-    expected_rms: float
 
 
 @dataclass(frozen=True)
@@ -105,27 +96,3 @@ def compare(
         defects=tuple(equation_defects(fit)) if fit is not None else (), predictions=tuple(every),
         free=(*free, *free_held), roles=("train",) * len(ahead) + ("hold_out",) * len(ahead_held),
     )  # fmt: skip
-
-
-def equation_defects(fit: Fit) -> list[EquationDefect]:
-    """Node defects of the relaxed fit as unexplained force (N) and pressure (kPa per interval), per balance."""
-    problem = fit.problem
-    if not fit.plant.servo:
-        return []
-    end, _ = problem.evaluate_values(fit.relaxed.X)
-    jump = problem.defects(end, fit.relaxed.X) * problem.state_scale
-    length = float(np.median(problem.data[0])) * problem.samples
-    rms = np.sqrt(np.mean(jump**2, axis=0))
-    # a right model leaves jumps of about a third of the tight allowance, from the sensors' noise alone
-    expected = 0.37 * 0.1 * problem.state_scale
-    names = problem.plant.states
-    mass = fit.plant.theta(fit.values, fit.ranges)[fit.plant.theta_names.index("mass_run")]
-    found = []
-    for equation, state, unit, factor in (
-        ("force", "v", "N", mass / length),
-        ("pressure_1", "p1", "kPa", 1e-3),
-        ("pressure_2", "p2", "kPa", 1e-3),
-    ):
-        i = names.index(state)
-        found.append(EquationDefect(equation, unit, float(rms[i] * factor), float(expected[i] * factor)))
-    return found

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import chi2
 
-from pneuid.criticism.comparison import equation_defects
+from pneuid.criticism.defects import equation_defects, node_jumps
 from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.prediction import Frozen, NoiseFloor, noise_floor, predict, rmse
@@ -357,9 +357,8 @@ def _rest(trial: Trial) -> Unknown | None:
 def _follows(found: Fit, equation: str) -> tuple[str, ...]:
     """Signal over whose quantiles the defect's mean varies most."""
     problem = found.problem
-    end, _ = problem.evaluate_values(found.relaxed.X)
     state = {"force": "v", "pressure_1": "p1", "pressure_2": "p2"}[equation]
-    jump = problem.defects(end, found.relaxed.X)[:, problem.plant.states.index(state)]
+    jump = node_jumps(problem, found.relaxed.X)[:, problem.plant.states.index(state)]
     _, nodes = problem.split(found.relaxed.X)
     best, strength = "x", -1.0
     for name in ("x", "v", "p1", "p2"):
