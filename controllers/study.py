@@ -26,7 +26,7 @@ from controllers.registry import CONTROLLERS
 from controllers.scenario import Scenario, read_scenario
 from pneuid.errors import ComputationError, UserError
 from pneuid.resources import scenario_path
-from pneuid.terminal import add_output_options, result_folder, run_command, write_json
+from pneuid.terminal import CommandParser, add_output_options, result_folder, run_command, write_json
 from pneuid.virtual_rig.hidden import Hidden
 from pneuid.virtual_rig.truth import TruthServo
 
@@ -100,11 +100,11 @@ def _plain(value: Any) -> dict[str, float | None]:
 
 
 def _arguments() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m controllers.study",
-        description="Closed-loop study over controllers and pressure conditions, on the virtual rig.",
-        epilog="example: python -m controllers.study scenarios/pressure_grid.toml --out study",
-    )
+    parser = CommandParser(
+        "python -m controllers.study", "Closed-loop study over controllers and pressure conditions, on the virtual rig.",
+        "examples:\n  python -m controllers.study --chain\n"
+        "  python -m controllers.study scenarios/pressure_grid.toml --out study",
+    )  # fmt: skip
     parser.add_argument("scenario", nargs="?", type=Path, help="scenario file; the shipped pressure grid when left out")
     add_output_options(parser)
     parser.add_argument(
@@ -133,6 +133,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     if arguments.workers is not None and arguments.workers < 1:
         raise UserError(f"--workers {arguments.workers}: must be at least 1")
     if arguments.chain:
+        if arguments.scenario is not None:
+            read_scenario(arguments.scenario)  # so that a slip in it leaves no folder behind
         folder = result_folder(arguments.out, "chain", arguments.scenario is None, arguments.overwrite)
         play_scenario(folder, arguments.workers, arguments.scenario)
         return

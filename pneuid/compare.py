@@ -13,7 +13,17 @@ from pneuid.errors import UserError
 from pneuid.report.reports import compare_report
 from pneuid.report.summary import metrics_json, summary_lines
 from pneuid.story import demo_runs, read_runs
-from pneuid.terminal import DEMO_ROOT, Progress, add_output_options, result_folder, run_command, write_json
+from pneuid.terminal import (
+    DEMO_ROOT,
+    CommandParser,
+    Progress,
+    add_output_options,
+    command_line,
+    next_folder,
+    result_folder,
+    run_command,
+    write_json,
+)
 
 _EXAMPLE = """example:
   python -m pneuid.compare monday/model.json --data tue_1.csv tue_2.csv --out tuesday
@@ -22,10 +32,9 @@ without MODEL the embedded demonstration is compared (and identified first where
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    found = argparse.ArgumentParser(
-        prog="python -m pneuid.compare", description="Compare a model with recordings and show where it fails.",
-        epilog=_EXAMPLE, formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    found = CommandParser(
+        "python -m pneuid.compare", "Compare a model with recordings and show where it fails.", _EXAMPLE
+    )
     found.add_argument("model", nargs="?", metavar="MODEL", help="model.json of a fit")
     found.add_argument("--data", nargs="+", metavar="RUN", default=[], help="recordings to compare with")
     add_output_options(found)
@@ -62,7 +71,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for line in summary_lines(comparison):
         console.print(line)
     console.print(f"report: {folder / 'report.html'}")
-    console.print("next: python -m pneuid.diagnose" + ("" if embedded else f" {given.model} --data RUN... --out DIR"))
+    if embedded:
+        console.print("next: python -m pneuid.diagnose")
+    else:
+        out = next_folder(folder, f"{folder.name}_diagnosed")
+        console.print(f"next: {command_line('pneuid.diagnose', given.model, data=given.data, out=[out])}")
 
 
 if __name__ == "__main__":

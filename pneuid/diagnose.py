@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 
 from rich.console import Console
 
@@ -14,8 +15,17 @@ from pneuid.criticism.ladder import to_json
 from pneuid.errors import UserError
 from pneuid.report.reports import diagnose_report
 from pneuid.report.summary import verdict_lines
-from pneuid.story import demo_runs, read_runs
-from pneuid.terminal import Progress, add_output_options, result_folder, run_command, write_json
+from pneuid.story import demo_files, demo_runs, read_runs
+from pneuid.terminal import (
+    CommandParser,
+    Progress,
+    add_output_options,
+    command_line,
+    next_folder,
+    result_folder,
+    run_command,
+    write_json,
+)
 
 _EXAMPLE = """example:
   python -m pneuid.diagnose monday/model.json --data mon_1.csv mon_2.csv --hold-out tue_1.csv --out why
@@ -24,10 +34,7 @@ without MODEL the embedded demonstration is diagnosed (and identified first wher
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    found = argparse.ArgumentParser(
-        prog="python -m pneuid.diagnose", description="Name the physical effect that the model lacks.", epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    found = CommandParser("python -m pneuid.diagnose", "Name the physical effect that the model lacks.", _EXAMPLE)
     found.add_argument("model", nargs="?", metavar="MODEL", help="model.json of a fit")
     found.add_argument("--data", nargs="+", metavar="RUN", default=[], help="recordings the model is refitted on")
     found.add_argument("--hold-out", nargs="+", metavar="RUN", default=[], help="recordings to judge by")
@@ -62,18 +69,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for line in verdict_lines(diagnosis):
         console.print(line)
     console.print(f"report: {folder / 'report.html'}")
-    console.print(f"next: {_next(diagnosis, str(path), given, str(folder), embedded)}")
+    files = (demo_files("train"), demo_files("hold_out")) if embedded else (given.data, given.hold_out)
+    console.print(f"next: {_next(diagnosis, Path(path), files, folder)}")
+    if embedded:
+        console.print("or, from measurement to control: python -m controllers.study --chain")
 
 
-def _next(diagnosis: Diagnosis, path: str, given: argparse.Namespace, folder: str, embedded: bool) -> str:
+def _next(diagnosis: Diagnosis, path: Path, files: tuple[Sequence[str], Sequence[str]], folder: Path) -> str:
+    if diagnosis.verdict == "adequate":
+        return "python -m controllers.study --help, or take the model as it is"
     if diagnosis.verdict != "effect":
         return "look at the report, then record what it asks for"
-    data = "scenarios/demo/train_*.csv" if embedded else " ".join(given.data)
-    added = " ".join(diagnosis.effects)
-    command = f"python -m pneuid.identify --from {path} --data {data} --add {added}"
-    if embedded:
-        return f"{command} --diagnosis {folder}/diagnosis.json --out better (or python -m controllers.study --chain)"
-    return f"{command} --diagnosis {folder}/diagnosis.json --out DIR"
+    out = next_folder(path.parent, f"{path.parent.name}_better")
+    return command_line(
+        "pneuid.identify", from_=[path], add=diagnosis.effects, data=files[0], hold_out=files[1],
+        diagnosis=[folder / "diagnosis.json"], out=[out],
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

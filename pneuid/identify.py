@@ -20,7 +20,16 @@ from pneuid.report.reports import identify_report
 from pneuid.report.summary import metrics_json, summary_lines
 from pneuid.rig import Rig
 from pneuid.story import Runs, demo_runs, read_ladder, read_runs
-from pneuid.terminal import Progress, add_output_options, result_folder, run_command, write_json
+from pneuid.terminal import (
+    CommandParser,
+    Progress,
+    add_output_options,
+    command_line,
+    next_folder,
+    result_folder,
+    run_command,
+    write_json,
+)
 
 _EXAMPLE = """example:
   python -m pneuid.identify --rig rig.toml --data mon_1.csv mon_2.csv --hold-out tue_1.csv --out monday
@@ -29,10 +38,7 @@ without --rig and --data the embedded demonstration is identified into pneuid-de
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    found = argparse.ArgumentParser(
-        prog="python -m pneuid.identify", description="Identify the model of a rig from recordings.", epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    found = CommandParser("python -m pneuid.identify", "Identify the model of a rig from recordings.", _EXAMPLE)
     found.add_argument("--rig", metavar="rig.toml", help="description of the rig")
     found.add_argument(
         "--from", dest="parent", metavar="MODEL", help="start from an identified model.json instead of --rig"
@@ -61,14 +67,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     runs = demo_runs() if embedded else _runs(given, parent)
     # names are checked before the folder is made, so that a slip leaves nothing behind
     add = [*(parent.content.effects if parent else ()), *given.add]
+    drop = [*given.drop, *_dropped_before(parent, given.add)]
     friction = given.friction or (parent.content.friction if parent else None)
-    api.plant_of(runs.rig, add, given.drop, friction)
+    api.plant_of(runs.rig, add, drop, friction)
     before = _ladder(given, parent)
     folder = result_folder(given.out, "identify", embedded, given.overwrite)
     with Progress() as progress:
         progress.doing(f"fitting {len(runs.train)} runs, {sum(run.n for run in runs.train)} samples")
         model = api.fit(
-            runs.rig, runs.train, add=add, drop=given.drop, friction=friction, name=folder.name,
+            runs.rig, runs.train, add=add, drop=drop, friction=friction, name=folder.name,
             start=parent.values if parent else None, hold_out=runs.hold_out,
             parent=file_sha256(given.parent) if given.parent else None, monitor=progress.monitor,
         )  # fmt: skip
@@ -80,15 +87,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for line in summary_lines(comparison):
         console.print(line)
     console.print(f"report: {folder / 'report.html'}")
-    data = " ".join(given.data)
-    more = f" {folder / 'model.json'} --data {data} --hold-out RUN --out DIR" if given.data else ""
-    console.print(f"next: python -m pneuid.diagnose{more}")
+    if embedded:
+        console.print("next: python -m pneuid.diagnose")
+    else:
+        out = next_folder(folder, f"{folder.name}_diagnosed")
+        model_file = folder / "model.json"
+        line = command_line("pneuid.diagnose", model_file, data=given.data, hold_out=given.hold_out, out=[out])
+        console.print(f"next: {line}")
 
 
 def _runs(given: argparse.Namespace, parent: api.IdentifiedModel | None) -> Runs:
     rig = parent.content.rig if parent else Rig.from_toml(given.rig)
     every = read_runs([*given.data, *given.hold_out], rig)
     return Runs(rig, every[: len(given.data)], every[len(given.data) :])
+
+
+def _dropped_before(parent: api.IdentifiedModel | None, added: Sequence[str]) -> list[str]:
+    """Base effects of the rig that the parent model was identified without."""
+    if parent is None:
+        return []
+    return [name for name in parent.content.rig.base_effects if name not in (*parent.content.effects, *added)]
 
 
 def _ladder(given: argparse.Namespace, parent: api.IdentifiedModel | None) -> list[Rung]:
@@ -99,7 +117,9 @@ def _ladder(given: argparse.Namespace, parent: api.IdentifiedModel | None) -> li
             raw = json.loads(Path(given.diagnosis).read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise UserError(f"{given.diagnosis}: cannot read the diagnosis: {error}") from error
-        tried = from_json(raw.get("rungs", []), given.diagnosis) if isinstance(raw, dict) else []
+        if not isinstance(raw, dict) or "verdict" not in raw:
+            raise UserError(f"{given.diagnosis}: verdict: is missing; give the diagnosis.json of a diagnosis")
+        tried = from_json(raw.get("rungs", []), given.diagnosis)
         rungs += [rung for rung in tried if not rung.accepted]
     return rungs
 

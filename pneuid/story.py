@@ -22,12 +22,18 @@ class Runs:
     hold_out: list[Recording]
 
 
+def demo_files(role: str) -> list[str]:
+    """Files of the demonstration in a role, ``train`` or ``hold_out``, from where the command runs where they are below."""
+    paths, here = sorted(scenario_path("demo").glob(f"{role}_*.csv")), Path.cwd()
+    return [str(path.relative_to(here) if path.is_relative_to(here) else path) for path in paths]
+
+
 def demo_runs() -> Runs:
     """The demonstration data shipped with the package: a servo rig with a hidden effect."""
     folder = scenario_path("demo")
     rig = Rig.from_toml(folder / "rig.toml")
-    train = [Recording.read(path, rig) for path in sorted(folder.glob("train_*.csv"))]
-    hold_out = [Recording.read(path, rig) for path in sorted(folder.glob("hold_out_*.csv"))]
+    train = [Recording.read(path, rig) for path in demo_files("train")]
+    hold_out = [Recording.read(path, rig) for path in demo_files("hold_out")]
     return Runs(rig, train, hold_out)
 
 
@@ -48,3 +54,5 @@ def read_ladder(path: Path) -> list[Rung]:
         return from_json(json.loads(path.read_text(encoding="utf-8")), str(path))
     except json.JSONDecodeError as error:
         raise UserError(f"{path}: line {error.lineno}: not JSON ({error.msg})") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: cannot read the ladder: {error}") from error

@@ -4,18 +4,58 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import shutil
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Self
+from types import FrameType
+from typing import Any, NoReturn, Self
 
 from rich.console import Console
+from rich.markup import escape
 
 from pneuid.errors import ComputationError, UserError
 
 DEMO_ROOT = "pneuid-demo"
+
+SOLVER = "pneuid.estimation.solver"
+"""Module whose frames lie below a solver that exceptions cannot cross."""
+
+_INTERRUPTED = threading.Event()
+
+
+def _on_interrupt(_number: int, frame: FrameType | None) -> None:
+    """Raise ``KeyboardInterrupt``; inside a solver, which would swallow it, the next iteration raises it instead."""
+    again = _INTERRUPTED.is_set()
+    _INTERRUPTED.set()
+    while frame is not None and not again:
+        if frame.f_globals.get("__name__") == SOLVER:
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
+
+
+def _go_on() -> None:
+    """Raise the ``KeyboardInterrupt`` that is due."""
+    if _INTERRUPTED.is_set():
+        raise KeyboardInterrupt
+
+
+class CommandParser(argparse.ArgumentParser):
+    """A command's arguments: the epilog is shown as it is written, and a slip is one ``UserError`` instead of the usage."""
+
+    def __init__(self, prog: str, description: str, epilog: str) -> None:
+        super().__init__(
+            prog=prog, description=description, epilog=epilog, formatter_class=argparse.RawDescriptionHelpFormatter
+        )
+
+    def error(self, message: str) -> NoReturn:
+        """Raise ``UserError`` where argparse would print its usage and exit."""
+        raise UserError(f"{message}; see {self.prog} --help")
 
 
 class Progress:
@@ -37,19 +77,25 @@ class Progress:
             self._status.stop()
 
     def doing(self, words: str) -> None:
-        """Say what comes next."""
+        """Say what comes next. Raises ``KeyboardInterrupt`` after a ctrl-C."""
+        _go_on()
         self._doing = words
-        self.console.print(f"[dim]{time.monotonic() - self._began:6.1f} s[/dim]  {words}")
+        self.console.print(f"[dim]{time.monotonic() - self._began:6.1f} s[/dim]  {escape(words)}", soft_wrap=True)
 
     def monitor(self, stage: str, iteration: int, cost: float) -> None:
-        """Show one iteration of a fit."""
+        """Show one iteration of a fit. Raises ``KeyboardInterrupt`` after a ctrl-C."""
+        _go_on()
         if self.console.is_terminal:
-            self._status.update(f"{self._doing}: {stage} stage, iteration {iteration}, cost per sample {cost:.4g}")
+            status = f"{self._doing}: {stage} stage, iteration {iteration}, cost per sample {cost:.4g}"
+            self._status.update(escape(status))
 
 
 def run_command(main: Callable[[Sequence[str] | None], None], arguments: Sequence[str] | None = None) -> None:
     """Run a command: exit 0 on success, 2 on bad input, 1 when the computation failed, 130 on ctrl-C."""
     console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+    _INTERRUPTED.clear()
+    here = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGINT, _on_interrupt) if here else None
     try:
         main(arguments)
     except UserError as error:
@@ -61,6 +107,9 @@ def run_command(main: Callable[[Sequence[str] | None], None], arguments: Sequenc
     except KeyboardInterrupt:
         console.print("interrupted")
         sys.exit(130)
+    finally:
+        if here:
+            signal.signal(signal.SIGINT, before)
 
 
 def result_folder(out: str | None, demo: str, embedded: bool, overwrite: bool) -> Path:
@@ -85,8 +134,25 @@ def result_folder(out: str | None, demo: str, embedded: bool, overwrite: bool) -
     return folder
 
 
+def command_line(module: str, *words: str | Path, **options: Sequence[str | Path]) -> str:
+    """A command that can be pasted into a shell; options without words are left out, ``hold_out`` is ``--hold-out``."""
+    line = ["python", "-m", module, *map(str, words)]
+    for name, given in options.items():
+        line += [f"--{name.rstrip('_').replace('_', '-')}", *map(str, given)] if given else []
+    return shlex.join(line)
+
+
+def next_folder(folder: Path, name: str) -> Path:
+    """A folder for the results of the command that comes next, beside ``folder``, that holds nothing yet."""
+    found, count = folder.parent / name, 2
+    while found.exists():
+        found, count = folder.parent / f"{name}_{count}", count + 1
+    return found
+
+
 def write_json(path: Path, content: Any) -> None:
-    """Write JSON whole or not at all."""
+    """Write JSON whole or not at all. Raises ``KeyboardInterrupt`` after a ctrl-C."""
+    _go_on()
     part = path.with_name(path.name + ".part")
     part.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
     part.replace(path)

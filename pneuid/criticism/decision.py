@@ -45,8 +45,9 @@ LEAST_SHARE = 0.10
 CLEAR_SHARE = 0.50
 """Share of what is left that a later, weaker effect must remove when it is less than LEAST_SHARE of the first excess."""
 
-TELLING = 0.15
-"""Relative difference of two held-out excesses below which the data do not tell two effects of one group apart."""
+TELLING = 0.03
+"""Share of the held-out excess by which the better of two effects of one group must lead to be told from the other:
+the error 200 ms ahead has heavy tails, at break-away, that make smaller leads accidental."""
 
 ADEQUATE_EXCESS = 0.15
 """Held-out excess, relative to the squared noise floor, that counts as none."""
@@ -280,7 +281,6 @@ def _rivals(chosen: tuple[Score, Trial], trials: Sequence[tuple[Score, Trial]], 
         for score, trial in trials
         if score is not chosen[0]
         and (trial.error - best) / excess < TELLING
-        and (trial.error - 1.0) < 1.3 * max(best - 1.0, 0.05)
         and (score.effect.name in chosen[0].group or chosen[0].effect.name in score.group)
     )
 
