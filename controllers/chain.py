@@ -50,6 +50,7 @@ def run_chain(
     base = api.fit(runs.rig, runs.train, name="base model", hold_out=runs.hold_out, monitor=progress.monitor)
     progress.doing("comparing it with the recordings")
     before = base.compare(runs.train, runs.hold_out)
+    progress.doing("screening the catalogue for what is missing")
     verdict = api.diagnose(base, runs.train, runs.hold_out, progress.monitor, progress.doing)
     named = verdict.diagnosis.effects
     if not named:
@@ -62,6 +63,7 @@ def run_chain(
         runs.rig, runs.train, add=added, start=verdict.best.values, name=f"with {', '.join(added)}", hold_out=runs.hold_out,
         monitor=progress.monitor,
     )  # fmt: skip
+    progress.doing("comparing the new model with the recordings")
     after = better.compare(runs.train, runs.hold_out)
     scenario, truth, hidden = read_scenario(scenario_file)
     models = {label: (model.plant, model.theta()) for label, model in _models(before, after).items()}
@@ -166,9 +168,8 @@ def play(folder: Path, workers: int | None, runs: Runs, scenario_file: Path) -> 
             f"  {label:42s} {reference:12s} {bar:3g} bar  {was:7.3f} -> {now:7.3f}  ({100 * (now / was - 1):+.0f} %)"
         )
     console.print(f"report: {path}")
-    console.print(
-        "next: python -m pneuid.identify --help (your own data), python -m controllers.study (the whole grid)"
-    )
+    console.print("next, with your own data: python -m pneuid.identify --help")
+    console.print("or, every controller at every pressure: python -m controllers.study")
 
 
 def play_scenario(folder: Path, workers: int | None, scenario_file: Path | None) -> None:

@@ -149,7 +149,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         console.print(table(results, model, truth.patm))
     console.print(f"{scenario.title}: {len(results)} closed loops in {time.monotonic() - began:.0f} s")
     console.print("wrote " + ", ".join(str(path) for path in paths), soft_wrap=True)
-    console.print("next: python -m controllers.study --chain --out chain (measure, fit, diagnose, add, study again)")
+    console.print("next, measure, fit, diagnose, add, study again: python -m controllers.study --chain")
     if all(result.metrics is None for result in results):
         raise ComputationError("every closed loop diverged; check the scenario's truth and design")
 

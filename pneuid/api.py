@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +45,7 @@ class IdentifiedModel:
 
     def compare(self, runs: Sequence[Recording], hold_out: Sequence[Recording] = ()) -> Comparison:
         """Errors per signal on ``runs`` and ``hold_out``, where they are, and which balance leaves a defect."""
-        return compare(self.content, runs, hold_out, self.fitted)
+        return compare(self.content, runs, hold_out, self.fitted if _same_runs(self.fitted, runs) else None)
 
     def diagnose(
         self, runs: Sequence[Recording], hold_out: Sequence[Recording] = (), monitor: Monitor | None = None
@@ -128,21 +128,34 @@ def diagnose(
     train, held = list(runs), list(hold_out)
     fitted = model.fitted
     if not held:
-        train, held = _held_back(train, model.content.rig)
+        train, held = _held_back(train)
         say(f"no held-out run given: {', '.join(run.name for run in held)} is held back from the fit")
+        fitted = None
+    if not _same_runs(fitted, train):
         fitted = None
     base = fitted or refitted(IdentifiedModel(model.content), train, monitor)
     return decision.diagnose(base, held, CATALOGUE, monitor, say)
 
 
-def _held_back(runs: list[Recording], rig: Rig) -> tuple[list[Recording], list[Recording]]:
+def _same_runs(fitted: Fit | None, runs: Sequence[Recording]) -> bool:
+    """Whether a fit was made on exactly these recordings."""
+    return fitted is not None and [run.recording.sha256 for run in fitted.runs] == [run.sha256 for run in runs]
+
+
+def _held_back(runs: list[Recording]) -> tuple[list[Recording], list[Recording]]:
     """Keep the last run back; a single run is cut in two with a gap of a twentieth between."""
     if len(runs) > 1:
         return runs[:-1], runs[-1:]
     run = runs[0]
     first, second = int(0.65 * run.n), int(0.7 * run.n)
-    parts = []
-    for label, cut in (("first part", slice(0, first)), ("last part", slice(second, None))):
-        signals = {name: run.signals[name][cut] for name in run.recorded if name != "t"}
-        parts.append(Recording.from_arrays(f"{run.name} ({label})", rig, t=run.t[cut] - run.t[cut][0], **signals))
+    # the name stays, so that what the rig says of this run goes on to hold
+    parts = [
+        replace(
+            run,
+            t=run.t[cut] - run.t[cut][0],
+            signals={name: values[cut] for name, values in run.signals.items()},
+            weights={name: values[cut] for name, values in run.weights.items()},
+        )
+        for cut in (slice(0, first), slice(second, None))
+    ]
     return parts[:1], parts[1:]

@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _next(diagnosis: Diagnosis, path: Path, files: tuple[Sequence[str], Sequence[str]], folder: Path) -> str:
     if diagnosis.verdict == "adequate":
-        return "python -m controllers.study --help, or take the model as it is"
+        return f"nothing is left to add; {path} is ready for use"
     if diagnosis.verdict != "effect":
         return "look at the report, then record what it asks for"
     out = next_folder(path.parent, f"{path.parent.name}_better")

@@ -150,7 +150,7 @@ def structure_key(plant: Plant) -> tuple:
     return (
         plant.rig.kind,
         plant.law.name,
-        tuple((type(e).__module__, e.name) for e in plant.effects),
+        tuple(type(effect) for effect in plant.effects),
         plant.theta_names,
     )
 

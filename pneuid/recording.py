@@ -168,6 +168,8 @@ def _used_columns(table: RawTable, rig: Rig, where: str) -> dict[str, str | int]
             continue
         if signal in table.frame.columns and signal not in mapped:
             used[signal] = signal
+        elif signal in table.apart:
+            raise UserError(f"{where}: column {shown(signal)} cannot be used: {table.apart[signal]}")
         else:
             _refuse_other_case(signal, mapped, table, where)
     return used
@@ -184,7 +186,7 @@ def _mapped(signal: str, wanted: str | int, table: RawTable, where: str) -> str 
     for name in names:
         if wanted in (name, f"{name} [{table.units.get(name)}]"):
             return name
-    reason = table.ignored.get(wanted)
+    reason = table.ignored.get(wanted) or table.apart.get(wanted)
     why = f"it cannot be used: {reason}" if reason else f"columns there: {_listed(names)}"
     raise UserError(f"{where}: column {shown(wanted)} for {signal} is missing; {why}")
 

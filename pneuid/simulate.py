@@ -51,11 +51,11 @@ def estimate_start(
     prior: np.ndarray,
     scale: np.ndarray,
     iterations: int = 15,
-) -> np.ndarray:
-    """Start states ``(W, ns)`` of W windows that fit the windows' measurements best, parameters frozen.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Start states ``(W, ns)`` of W windows that fit the windows' measurements best, and their costs ``(W,)``.
 
-    Levenberg-Marquardt on every window at once. ``guess`` is ``(W, ns)``; ``prior`` its 1-sigma ``(ns,)`` (inf for
-    none); ``scale`` ``(ns,)`` makes the search dimensionless; data and theta as in ``simulate``. The interval
+    Parameters frozen; Levenberg-Marquardt on every window at once. ``guess`` is ``(W, ns)``; ``prior`` its 1-sigma
+    ``(ns,)`` (inf: none); ``scale`` ``(ns,)`` makes the search dimensionless; data and theta as in ``simulate``. The interval
     function must have been built without parameter derivatives.
     """
     W, ns = guess.shape
@@ -79,7 +79,7 @@ def estimate_start(
         damping = np.where(better, damping * 0.2, np.minimum(damping * 6.0, 1e8))
         if np.all(~better | (before - after < 1e-4 * np.maximum(before, 1e-9))) and np.any(better):
             break
-    return best
+    return best, cost + 0.5 * np.sum(inverse * ((best - guess) / scale) ** 2, axis=1)
 
 
 def _gauss_newton(

@@ -52,6 +52,9 @@ the error 200 ms ahead has heavy tails, at break-away, that make smaller leads a
 ADEQUATE_EXCESS = 0.15
 """Held-out excess, relative to the squared noise floor, that counts as none."""
 
+DEFECT_RATIO = 1.5
+"""Defect of a balance over what noise alone leaves, below which nothing unknown can be named in any equation."""
+
 MOSTLY, MINOR = 0.9, 0.25
 """Shares of the excess explained: below the first a rest is reported, below the second the rest is the verdict."""
 
@@ -161,13 +164,16 @@ def diagnose(
         if chosen is None:
             break
         rungs.append(_rung(chosen[1], judge, True))
-        ambiguous = _rivals(chosen, trials, current) if not accepted else ambiguous
+        ambiguous = _rivals(chosen, trials, current)
         accepted.append(chosen[0].effect.name)
         say(
             f"{accepted[-1]} accepted: held-out error {np.sqrt(current.error):.1f} -> {np.sqrt(chosen[1].error):.1f} floors"
         )
         current = chosen[1]
-        if current.error - 1.0 < max(0.02, 3 * judge.spread) and current.fit.defect_level < 0.3:
+        if (
+            current.error - 1.0 < max(0.02, 3 * judge.spread)
+            and current.fit.defect_level * current.fit.problem.relaxation**2 < 0.003
+        ):
             break
     accepted, current = _backward(accepted, current, first, judge, monitor, say)
     found = _verdict(accepted, ambiguous, current, first, judge, ranking)
@@ -330,12 +336,15 @@ def _verdict(
     if not accepted:
         if left < small:
             return Diagnosis("adequate", (), ordered, sentences=(*words, "nothing is missing above the noise"))
+        if _loudest(current.fit) < DEFECT_RATIO:
+            quiet = "no balance leaves a defect above noise; what the predictions lose, they lose at break-away"
+            return Diagnosis("adequate", (), ordered, sentences=(*words, quiet))
         return Diagnosis(
             "unknown", (), ordered, _rest(current), sentences=(*words, "the catalogue does not explain it")
         )
     removed = (first.error - current.error) / max(first.error - 1.0, 1e-12)
     words.append(f"{', '.join(accepted)}: {100 * removed:.1f} % of the base model's held-out excess explained")
-    if ambiguous and len(accepted) == 1:
+    if ambiguous and len(accepted) == 1 and accepted[0] not in ambiguous:
         return Diagnosis("ambiguous", (accepted[0], *ambiguous), ordered, sentences=tuple(words))
     rest = _rest(current) if left > small and removed < MOSTLY else None
     if rest is not None:
@@ -345,11 +354,16 @@ def _verdict(
     return Diagnosis(verdict, tuple(accepted), ordered, rest, sentences=tuple(words))
 
 
+def _loudest(found: Fit) -> float:
+    """Largest defect of a balance over what noise alone leaves; inf on a bench, which has no such defects."""
+    return max((item.rms / max(item.expected_rms, 1e-12) for item in equation_defects(found)), default=np.inf)
+
+
 def _rest(trial: Trial) -> Unknown | None:
     """The balance with the largest defect relative to what noise leaves, and the signal it follows most."""
     defects = equation_defects(trial.fit)
     if not defects:
-        return Unknown("force", ("x",), trial.hold_out.get("F", 0.0), "N")
+        return Unknown("force", (), trial.hold_out.get("F", 0.0), "N")
     worst = max(defects, key=lambda item: item.rms / max(item.expected_rms, 1e-12))
     return Unknown(worst.equation, _follows(trial.fit, worst.equation), worst.rms, worst.unit)
 

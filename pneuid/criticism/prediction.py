@@ -12,17 +12,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pneuid.errors import UserError
 from pneuid.estimation.differentiate import spline_motion
 from pneuid.estimation.first_guess import first_nodes
 from pneuid.estimation.fit import node_every
 from pneuid.estimation.preparation import Run
-from pneuid.estimation.shooting import BRISTLE_SPREAD
 from pneuid.interval import IntervalFunction, interval_function
 from pneuid.plant import Plant
 from pneuid.simulate import estimate_start, simulate
 
 AHEAD_SECONDS = 0.2
 BEFORE_SECONDS = 0.1
+FIRST_TRIES, LATER_TRIES = 20, 60
+"""Iterations for a window's start, and for one that fits badly."""
+
+OUTLYING = 1.25
+"""Cost of a window over the median of its run above which other starts are tried."""
+
 FLOOR_SEEDS = 3
 """Noise seeds over which the floor is averaged and its spread taken."""
 
@@ -67,9 +73,41 @@ def _function(model: Frozen, runs: Sequence[Run]) -> IntervalFunction:
     return interval_function(model.plant, (), node_every(dt), model.substeps)
 
 
-def _state_prior(plant: Plant) -> np.ndarray:
-    free = np.full(len(plant.core_states) - 1, np.inf)
-    return np.concatenate([free, [BRISTLE_SPREAD], [state.spread for state in plant.effect_states]])
+def _break_away(model: Frozen) -> float:
+    """Bristle deflection in m at which the model breaks away: the scale of the bristle states that can occur."""
+    values, plant = model.values, model.plant
+    theta = dict(zip(plant.theta_names, plant.theta(values, model.ranges), strict=True))
+    stiffness = theta["carrier_stiffness"] if plant.law.static else values["sigma0"]
+    return float(values.get("Fs", values["Fc"]) / stiffness)
+
+
+def _start_states(
+    model: Frozen, function: IntervalFunction, guess: np.ndarray, data: np.ndarray, theta: np.ndarray
+) -> np.ndarray:
+    """Start states ``(W, ns)`` of windows from their own measurements ``data`` (W, rows, N), parameters frozen.
+
+    A window that breaks away, or comes to rest, has several local optima in the bristle: windows that fit worse than
+    the others of their run are tried again from rest with the bristle relaxed and near break-away on either side.
+    """
+    plant = model.plant
+    z, spread = plant.explicit_count, _break_away(model)
+    prior = np.full(len(plant.states), np.inf)
+    prior[z] = spread
+    prior[z + 1 :] = [state.spread for state in plant.effect_states]
+    best, cost = estimate_start(function, guess, data, theta, prior, plant.state_scales, FIRST_TRIES)
+    poor = np.flatnonzero(~(cost < OUTLYING * np.median(cost)))
+    if poor.size == 0:
+        return best
+    for deflection in (None, 0.0, 0.9, -0.9):
+        again = guess[poor].copy()
+        if plant.servo:
+            again[:, plant.states.index("v")] = 0.0
+        if deflection is not None:
+            again[:, z] = deflection * spread
+        tried, found = estimate_start(function, again, data[poor], theta[poor], prior, plant.state_scales, LATER_TRIES)
+        better = found < cost[poor]
+        best[poor[better]], cost[poor[better]] = tried[better], found[better]
+    return best
 
 
 def _windows(run: Run, samples: int) -> tuple[int, int, np.ndarray]:
@@ -103,7 +141,7 @@ def _ahead(model: Frozen, function: IntervalFunction, run: Run, data: np.ndarray
     cut = np.stack([data[:, k : k + before + ahead] for k in first])
     theta = np.tile(model.theta(run), (first.size, 1))
     guess = _window_guess(model, run)[first]
-    start = estimate_start(function, guess, cut[:, :, :before], theta, _state_prior(plant), plant.state_scales)
+    start = _start_states(model, function, guess, cut[:, :, :before], theta)
     found = simulate(function, start, cut, theta)
     index = (first[:, None] + before + np.arange(ahead)).ravel()
     predicted = found.outputs[:, :, before:].transpose(1, 0, 2).reshape(ny, -1)
@@ -118,20 +156,13 @@ def predict_free(model: Frozen, runs: Sequence[Run]) -> list[Prediction]:
 
 
 def _free(model: Frozen, function: IntervalFunction, run: Run, data: np.ndarray) -> Prediction:
-    plant, K, ny = model.plant, function.samples, len(model.plant.outputs)
+    _plant, K, ny = model.plant, function.samples, len(model.plant.outputs)
     missing = -run.n % K
     padded = np.concatenate([data, np.repeat(data[:, -1:], missing, axis=1)], axis=1)[None]
     before, _, _ = _windows(run, K)
     theta = model.theta(run)[None]
     guess = _window_guess(model, run)[:1]
-    start = estimate_start(
-        function,
-        guess,
-        padded[:, :, : min(before, padded.shape[2] // K * K)],
-        theta,
-        _state_prior(plant),
-        plant.state_scales,
-    )
+    start = _start_states(model, function, guess, padded[:, :, : min(before, padded.shape[2] // K * K)], theta)
     found = simulate(function, start, padded, theta)
     index = np.arange(run.n)
     return Prediction(run, index, found.outputs[0, :, : run.n], data[-2 * ny : -ny], data[-ny:] > 0)
@@ -143,11 +174,19 @@ def predict(model: Frozen, runs: Sequence[Run]) -> list[Prediction]:
 
 
 def rmse(predictions: Sequence[Prediction], outputs: Sequence[str]) -> dict[str, float]:
-    """Root mean square error per signal over all runs, SI; inf where a window diverged."""
+    """Root mean square error per signal over all runs, SI. Raises ``UserError`` where nothing can be predicted."""
     found = {}
     for i, name in enumerate(outputs):
         errors = np.concatenate([p.measured[i][p.used[i]] - p.predicted[i][p.used[i]] for p in predictions])
-        found[name] = float(np.sqrt(np.mean(errors**2))) if np.all(np.isfinite(errors)) else float("inf")
+        if errors.size == 0:
+            raise UserError(
+                f"{', '.join(item.run.name for item in predictions)}: no stretch to judge {name} by; "
+                "record at least 0.4 s with valid samples"
+            )
+        # a window that diverged counts as an error of the signal's whole range
+        span = float(np.ptp(np.concatenate([p.measured[i][p.used[i]] for p in predictions])))
+        errors = np.where(np.isfinite(errors) & (np.abs(errors) < 10 * span), errors, 10 * span)
+        found[name] = float(np.sqrt(np.mean(errors**2)))
     return found
 
 
@@ -197,7 +236,7 @@ def _floor_servo(model: Frozen, function: IntervalFunction, run: Run, rng: np.ra
     position = {name: plant.states.index(name) for name in plant.outputs}
     for i, name in enumerate(plant.outputs):
         guess[:, position[name]] = noisy[:, i, :5].mean(axis=1)
-    again = estimate_start(function, guess, cut[:, :, :before], theta, _state_prior(plant), plant.state_scales)
+    again = _start_states(model, function, guess, cut[:, :, :before], theta)
     found = simulate(function, again, cut, theta).outputs[:, :, before:]
     index = (first[:, None] + before + np.arange(ahead)).ravel()
     shape = (ny, -1)

@@ -67,10 +67,7 @@ def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list
             and drops[name] > 0.0
             and _collinear(M, place, columns, steps, name, other.name) > COLLINEAR
         ]
-        start = {
-            problem.free[j]: float(problem.declared[j].off + d * problem.scaling.slope(X[: problem.nq])[j])
-            for j, d in zip(columns[name], steps[name], strict=True)
-        }
+        start = {problem.free[j]: _moved(problem, j, d) for j, d in zip(columns[name], steps[name], strict=True)}
         gain = drops[name] / max(fit.relaxed_cost, 1e-12)
         found.append(Score(effect, drops[name], float(gain), len(columns[name]), start, tuple(mates)))
     return sorted(found, key=lambda score: -score.drop)
@@ -85,7 +82,7 @@ def _columns(problem: Shooting, plant: Plant, effect: Effect) -> np.ndarray:
 def _extended(fit: Fit, plant: Plant, chosen: Sequence[Effect]) -> tuple[Shooting, np.ndarray]:
     """The relaxed problem with the candidates' amplitudes as extra parameters, at the fitted point."""
     old = fit.problem
-    values = plant.starts() | fit.values
+    values = plant.starts() | fit.relaxed_values
     by_name = {item.name: item for item in plant.parameters}
     amplitudes = []
     for effect in chosen:
@@ -159,6 +156,13 @@ def _best_step(problem: Shooting, M: np.ndarray, g: np.ndarray, rows: list[int],
     high = (problem.scaling.upper[index] - off) * size
     found = lsq_linear(root.T, target, (low - 1e-12, high + 1e-12))
     return np.asarray(found.x / size)
+
+
+def _moved(problem: Shooting, j: int, step: float) -> float:
+    """Value (SI, inside the bounds) of a parameter after a scaled step from its off-value."""
+    q = problem.scaling.to_q(_at(problem, j))
+    q[j] = np.clip(q[j] + step, problem.scaling.lower[j], problem.scaling.upper[j])
+    return float(problem.scaling.to_values(q)[j])
 
 
 def _at(problem: Shooting, j: int) -> np.ndarray:

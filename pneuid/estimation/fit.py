@@ -66,6 +66,12 @@ class Fit:
     notes: tuple[str, ...]
 
     @property
+    def relaxed_values(self) -> dict[str, float]:
+        """Parameters of the relaxed solution, SI."""
+        found = self.problem.scaling.to_values(self.relaxed.X[: self.problem.nq])
+        return {name: float(value) for name, value in zip(self.problem.free, found, strict=True)}
+
+    @property
     def relaxed_cost(self) -> float:
         """Relaxed cost: half the sum of squares of residuals and defects."""
         return self.relaxed.cost + self.relaxed.penalty
@@ -86,7 +92,13 @@ def _substeps(plant: Plant, values: Mapping[str, float], ranges: Mapping[str, fl
     return needed
 
 
-def _check_count(plant: Plant, recordings: Sequence[Recording]) -> None:
+def _check_runs(plant: Plant, recordings: Sequence[Recording]) -> None:
+    for run in recordings:
+        if plant.rig.run(run.name).free:
+            raise UserError(
+                f'{plant.rig.where}: runs."{run.name}".free: fitting a quantity for one run alone is not available yet; '
+                "remove the line"
+            )
     samples, unknown = sum(run.n for run in recordings), len(plant.parameters)
     if samples < 3 * unknown:
         names = ", ".join(run.name for run in recordings)
@@ -111,14 +123,15 @@ def fit(
     identify the model.
     """
     began = time.monotonic()
-    _check_count(plant, recordings)
+    _check_runs(plant, recordings)
     levels = dict(noise) if noise is not None else noise_of(plant.rig, recordings)
     runs = tuple(prepared) if prepared is not None else tuple(prepare(run, plant, levels) for run in recordings)
     ranges = data_ranges(recordings, plant)
     moved = motions(runs)
     guess = first_guess(plant, runs, moved) | dict(start or {})
-    dt = float(np.median(np.concatenate([run.data[0] for run in runs])))
-    every = node_every(dt)
+    # the slowest run decides the step, so that no run is integrated too coarsely
+    dt = max(float(np.median(run.data[0])) for run in runs)
+    every = node_every(float(np.median(np.concatenate([run.data[0] for run in runs]))))
     nodes = first_nodes(plant, runs, moved, guess, every)
     free = plant.parameter_names
 
@@ -186,10 +199,26 @@ def _relaxed_stage(problem: Shooting, X0: np.ndarray, monitor: Monitor | None) -
 def _exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Outcome | None:
     """The exact fit, or None where it does not converge to a solution of about the relaxed cost."""
     problem.set_smoothing(FINE)
-    hard = solve_exact(problem, soft.X, monitor)
-    problem.set_smoothing(COARSE)
-    sane = hard.cost < 2.0 * (soft.cost + soft.penalty) and np.isfinite(hard.cost)
-    return hard if hard.success and sane else None
+    try:
+        # where a break-away makes the step from the relaxed nodes too long, a continuous start often is near enough
+        for start in (soft.X, _continuous(problem, soft.X)):
+            hard = solve_exact(problem, start, monitor)
+            if hard.success and np.isfinite(hard.cost) and hard.cost < 2.0 * (soft.cost + soft.penalty):
+                return hard
+    finally:
+        problem.set_smoothing(COARSE)
+    return None
+
+
+def _continuous(problem: Shooting, X: np.ndarray) -> np.ndarray:
+    """The nodes of a simulation of every run from its first node, parameters as in ``X``."""
+    q, nodes = problem.split(X)
+    theta = problem.theta(q)
+    for first, last in zip(problem.first[:-1], problem.first[1:], strict=True):
+        for i in range(first, last - 1):
+            data = problem.data[:, i * problem.samples : (i + 1) * problem.samples]
+            nodes[:, i + 1] = np.asarray(problem.function.values(nodes[:, i], data, theta[:, i])[0]).ravel()
+    return problem.join(q, nodes)
 
 
 def _words(hard: Outcome | None, level: float, relaxation: float, misfit: float) -> str:
@@ -204,4 +233,7 @@ def _words(hard: Outcome | None, level: float, relaxation: float, misfit: float)
             f"relaxed: the model leaves jumps of {jump:.1f} times their allowance between intervals, "
             "so something is missing from it; no standard errors"
         )
-    return "relaxed: the exact fit did not converge, so the model's form is not quite that of the data; no standard errors"
+    return (
+        "relaxed: little is unexplained, but the exact fit was not asked for or did not converge; "
+        "no standard errors, predictions at break-away may be off"
+    )

@@ -365,7 +365,7 @@ def solve_relaxed(
 
 
 def solve_exact(
-    problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None, seconds: float = 60.0, iterations: int = 60
+    problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None, seconds: float = 60.0, iterations: int = 40
 ) -> Outcome:
     """Minimise the cost subject to continuity, from a relaxed solution ``X0``."""
     # the last digits of the dual infeasibility are the kinks' rounding: a cost that no longer moves is the end

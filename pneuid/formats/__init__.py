@@ -11,8 +11,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from pneuid.errors import UserError
+from pneuid.formats.hdf5 import read_hdf5
 from pneuid.formats.matlab import read_matlab
+from pneuid.formats.mdf import read_mdf
+from pneuid.formats.parquet import read_parquet
 from pneuid.formats.table import FileLayout, RawTable
+from pneuid.formats.tdms import read_tdms
 from pneuid.formats.text import read_text
 
 __all__ = ["READERS", "FileLayout", "RawTable", "Reader", "read_table"]
@@ -24,6 +28,12 @@ READERS: dict[str, Reader] = {
     ".txt": read_text,
     ".dat": read_text,
     ".mat": read_matlab,
+    ".h5": read_hdf5,
+    ".hdf5": read_hdf5,
+    ".parquet": read_parquet,
+    ".mf4": read_mdf,
+    ".mdf": read_mdf,
+    ".tdms": read_tdms,
 }
 """Reader by file extension, lower case."""
 

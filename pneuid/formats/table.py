@@ -37,13 +37,16 @@ class RawTable:
     ``frame``: one column per file column, named as in the file (or 1..n without a header); its index is
     what a person counts, the line of a text file or the sample of an array, from 1. Columns hold floats,
     or the cells' text where a cell is not a number. ``units``: the unit of a column where the file states
-    one. ``row_word``: what the index counts. ``ignored``: name -> why a variable is not a column.
+    one. ``row_word``: what the index counts. ``ignored``: name -> why a variable is not a column. ``apart``:
+    name without group -> why it is in the file but not a column (another rate, several of that name, two units):
+    a signal among them is refused, not taken as absent.
     """
 
     frame: pd.DataFrame
     units: dict[str | int, str] = field(default_factory=dict)
     row_word: str = "row"
     ignored: dict[str, str] = field(default_factory=dict)
+    apart: dict[str, str] = field(default_factory=dict)
 
     def numbers(self, column: str | int, gaps: bool, where: str) -> NDArray[np.float64]:
         """The column as floats, shape (N,), NaN where a sample is missing.

@@ -1,0 +1,204 @@
+"""Screening and diagnosis: the hidden effect is named, and nothing is named where nothing hides."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers import base_fit, held_runs, rig, scores
+from scipy.sparse.linalg import spsolve
+
+from pneuid.criticism.decision import Verdict, diagnose, frozen_fit
+from pneuid.criticism.prediction import noise_floor, predict, rmse
+from pneuid.criticism.screening import _columns, _extended, screen
+from pneuid.effects import CATALOGUE
+from pneuid.estimation.fit import Fit
+from pneuid.estimation.preparation import prepare
+from pneuid.estimation.solver import relaxed_system
+from pneuid.plant import Plant
+
+HIDDEN = ["leakage_internal", "valve_dead_zone", "supply_droop", "friction_direction"]
+
+
+def by_name(hidden: str = ""):
+    return {score.effect.name: score for score in scores(hidden)}
+
+
+@cache
+def leak_verdict() -> tuple[Verdict, list[str]]:
+    """The whole diagnosis of the rig with a leak, and what it said on the way."""
+    said: list[str] = []
+    return diagnose(base_fit("leakage_internal"), held_runs("leakage_internal"), CATALOGUE, say=said.append), said
+
+
+# --- screening ---
+
+
+@pytest.mark.parametrize("hidden", HIDDEN)
+def test_the_hidden_effect_or_its_group_comes_first(hidden):
+    found = scores(hidden)
+    assert found[0].effect.name == hidden or hidden in found[0].group
+    assert found[0].drop > 500.0
+    # those that the data can tell from it are clearly behind
+    for other in found[1:]:
+        if other.effect.name not in found[0].group and hidden not in other.group:
+            assert other.drop < 0.95 * found[0].drop, other.effect.name
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_where_nothing_hides_no_effect_promises_anything(seed):
+    found = scores("", seed)
+    assert {score.effect.name for score in found} == set(CATALOGUE)
+    # half a chi-square of 1 to 8 degrees: above 10 once in 10^3 at most, 8 effects x 2 seeds
+    assert max(score.drop for score in found) < 10.0
+    assert all(score.drop >= 0.0 and 0.0 <= score.gain < 1e-2 for score in found)
+
+
+@pytest.mark.parametrize("hidden", ["", *HIDDEN])
+def test_groups_are_mutual_and_scores_are_ordered(hidden):
+    found = by_name(hidden)
+    for name, score in found.items():
+        assert name not in score.group
+        assert all(name in found[mate].group for mate in score.group), f"{name} in {score.group}"
+        own = score.effect.parameters(rig(), base_fit(hidden).plant.law)
+        amplitudes = {item.name for item in own if item.off is not None}
+        assert set(score.start) == amplitudes and score.freedom == len(amplitudes)
+        for item in own:
+            if item.name in amplitudes:
+                slack = 1e-9 * item.scale  # the step is bounded up to rounding
+                assert item.lower - slack <= score.start[item.name] <= item.upper + slack
+    drops = [score.drop for score in scores(hidden)]
+    assert drops == sorted(drops, reverse=True)
+
+
+def test_direction_of_friction_and_a_constant_force_are_one_group_while_sliding():
+    found = by_name("friction_direction")
+    assert "gravity" in found["friction_direction"].group
+
+
+def _extended_system(found: Fit, name: str):
+    effect = CATALOGUE[name]
+    plant = Plant(found.plant.rig, found.plant.law.name, [effect])
+    problem, X = _extended(found, plant, [effect])
+    gradient, hessian = relaxed_system(problem, X)
+    return problem, X, gradient, hessian.tocsc(), _columns(problem, plant, effect)
+
+
+@pytest.mark.parametrize("name", ["gravity", "friction_direction", "load_mass"])
+def test_the_predicted_drop_is_that_of_one_full_newton_step(name):
+    """The projection against the plain difference of two Gauss-Newton steps, with and without the effect's columns."""
+    problem, X, gradient, hessian, extra = _extended_system(base_fit("friction_direction"), name)
+    # a parameter on its bound would be held by the projection
+    q, scaling = X[: problem.nq], problem.scaling
+    assert np.all(np.minimum(q - scaling.lower, scaling.upper - q) > 1e-3 * (scaling.upper - scaling.lower))
+    base = np.setdiff1d(np.arange(problem.size), extra)
+
+    def drop(index: np.ndarray) -> float:
+        return 0.5 * float(gradient[index] @ spsolve(hessian[index][:, index], gradient[index]))
+
+    expected = drop(np.arange(problem.size)) - drop(base)
+    assert expected > 0.1
+    assert by_name("friction_direction")[name].drop == pytest.approx(expected, rel=1e-3, abs=1e-4)
+
+
+def test_the_predicted_drop_is_about_what_a_refit_finds():
+    before, after = base_fit("leakage_internal"), leak_verdict()[0].best
+    best = by_name("leakage_internal")["leakage_internal"]
+    assert [effect.name for effect in after.plant.effects] == ["leakage_internal"]
+    # the two fits may have stopped at different spreads of the defects: costs are compared at the loose one
+    assert 0.5 < best.drop / (before.loose_cost - after.loose_cost) < 2.0
+    assert after.values["G_leak"] == pytest.approx(best.start["G_leak"], rel=0.5)
+
+
+def test_effects_of_the_model_itself_and_of_the_other_kind_of_rig_are_not_screened():
+    richer = leak_verdict()[0].best
+    names = {score.effect.name for score in screen(richer, list(CATALOGUE.values()), list(CATALOGUE))}
+    assert names == set(CATALOGUE) - {"leakage_internal"}
+    assert screen(richer, [CATALOGUE["leakage_internal"]], list(CATALOGUE)) == []
+    bench_only = type("BenchOnly", (type(CATALOGUE["gravity"]),), {"rigs": ("bench",)})()
+    assert screen(base_fit(), [bench_only], list(CATALOGUE)) == []
+
+
+# --- prediction ---
+
+
+def test_a_right_model_predicts_down_to_the_noise_floor():
+    found = base_fit("", 3)
+    model = frozen_fit(found)
+    runs = [prepare(run, found.plant, found.noise) for run in held_runs("", 3)]
+    ahead, floor = rmse(predict(model, runs), found.plant.outputs), noise_floor(model, runs)
+    for name, sigma in (("x", 20e-6), ("p1", 500.0), ("p2", 500.0)):
+        # the floor holds the sensor's own noise and the error of the start state
+        assert floor.value[name] > 0.95 * sigma
+        # two runs of a dozen windows: the floor itself scatters by a few per cent
+        assert ahead[name] == pytest.approx(floor.value[name], rel=0.12), name
+        assert 0.0 < floor.spread[name] < 0.2 * floor.value[name]
+
+
+def test_a_wrong_model_predicts_far_above_it_and_the_floor_stays():
+    found = base_fit("leakage_internal")
+    model = frozen_fit(found)
+    runs = [prepare(run, found.plant, found.noise) for run in held_runs("leakage_internal")]
+    predictions = predict(model, runs)
+    ahead = rmse(predictions, found.plant.outputs)
+    assert ahead["p1"] > 5 * 500.0 and ahead["p2"] > 5 * 500.0
+    for item in predictions:
+        assert item.error.shape == item.predicted.shape == (3, item.index.size)
+        assert np.all(np.diff(item.index) == 1)
+        np.testing.assert_array_equal(item.measured[1], item.run.measured("p1")[item.index])
+
+
+def test_the_floor_is_the_same_every_time():
+    found = base_fit("", 3)
+    runs = [prepare(held_runs("", 3)[0], found.plant, found.noise)]
+    assert noise_floor(frozen_fit(found), runs, seeds=2) == noise_floor(frozen_fit(found), runs, seeds=2)
+
+
+# --- the whole diagnosis ---
+
+
+def _assert_complete(verdict, hidden: str) -> None:
+    """What the contract promises of diagnosis.json and the ladder, whatever was found."""
+    found = verdict.diagnosis
+    assert found.verdict in ("adequate", "effect", "ambiguous", "unknown")
+    assert [item.effect for item in found.ranking[: len(found.effects)]] == list(found.effects)
+    assert {item.effect for item in found.ranking} == set(CATALOGUE)
+    for item in found.ranking:
+        assert item.equation == CATALOGUE[item.effect].equation
+        assert item.p_value is None or 0.0 <= item.p_value <= 1.0
+    raw = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert raw["schema"] == 1 and raw["verdict"] == found.verdict and raw["effects"] == list(found.effects)
+    assert {"effect", "equation", "screen_gain", "hold_out_error_ratio", "excess_explained", "p_value",
+            "indistinguishable_from"} == set(raw["ranking"][0])  # fmt: skip
+    first = verdict.rungs[0]
+    assert first.effects == () and first.added is None and first.accepted and first.parameters == 8
+    assert set(first.hold_out) == set(first.noise_floor) == {"x", "p1", "p2"}
+    assert [effect.name for effect in verdict.best.plant.effects] == sorted(
+        found.effects, key=list(CATALOGUE).index
+    ) or (found.verdict == "ambiguous")
+    assert hidden in (*found.effects, "")
+
+
+def test_a_hidden_leak_is_diagnosed():
+    verdict, said = leak_verdict()
+    _assert_complete(verdict, "leakage_internal")
+    found = verdict.diagnosis
+    assert found.verdict == "effect" and found.effects[0] == "leakage_internal"
+    lead = found.ranking[0]
+    assert lead.excess_explained is not None and lead.excess_explained > 0.9
+    assert lead.hold_out_error_ratio is not None and lead.hold_out_error_ratio < 0.5
+    assert lead.p_value is not None and lead.p_value < 1e-9
+    assert verdict.rungs[-1].accepted or any(
+        rung.accepted and rung.added == "leakage_internal" for rung in verdict.rungs
+    )
+    assert any("leakage_internal accepted" in sentence for sentence in said)
+
+
+def test_nothing_is_diagnosed_where_nothing_hides():
+    verdict = diagnose(base_fit("", 3), held_runs("", 3), CATALOGUE)
+    _assert_complete(verdict, "")
+    assert verdict.diagnosis.verdict == "adequate" and verdict.diagnosis.effects == ()
+    assert verdict.best is base_fit("", 3)
+    assert len(verdict.rungs) == 1
