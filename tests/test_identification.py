@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -15,7 +13,7 @@ from pneuid.estimation.differentiate import spline_motion
 from pneuid.estimation.first_guess import first_guess, motions
 from pneuid.estimation.fit import Fit, fit
 from pneuid.estimation.noise import noise_from_roughness
-from pneuid.estimation.preparation import data_ranges, noise_of, prepare
+from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
 from pneuid.estimation.solver import solve_exact
 from pneuid.estimation.uncertainty import Uncertainty, uncertainty, verdicts
 from pneuid.physics.smoothing import FINE
@@ -351,10 +349,8 @@ def test_the_first_guess_is_near_and_inside_the_bounds():
         assert guess[name] == pytest.approx(TRUTH[name], rel=within), name
 
 
-def _prepared(stand: Rig, recording: Recording) -> tuple[Plant, Sequence[float], np.ndarray]:
-    plant = Plant(stand, "lugre")
-    run = prepare(recording, plant, noise_of(stand, [recording]))
-    return plant, run.notes, run.data
+def _prepared(stand: Rig, recording: Recording) -> Run:
+    return prepare(recording, Plant(stand, "lugre"), noise_of(stand, [recording]))
 
 
 def test_samples_at_the_ends_of_the_stroke_are_masked_and_counted():
@@ -362,18 +358,17 @@ def test_samples_at_the_ends_of_the_stroke_are_masked_and_counted():
     x = recording.signals["x"]
     # a stroke that ends 0.5 mm behind the largest position
     stand = rig("servo", {"cylinder": {"stroke": f"{(x.max() + 5e-4) * 1e3:.6f} mm"}})
-    again = replace(recording)
-    _, notes, data = _prepared(stand, again)
-    masked = np.all(data[-3:] == 0.0, axis=0)
+    run = _prepared(stand, recording)
+    masked = np.all(run.weights == 0.0, axis=0)
     near = x > x.max() - 5e-4
     np.testing.assert_array_equal(masked, near)
-    assert any(f"{near.sum()} samples within 1 mm" in note for note in notes)
+    assert any(f"{near.sum()} samples within 1 mm" in note for note in run.notes)
 
 
 def test_inputs_run_linearly_unless_the_rig_holds_them():
     recording = servo_run("multisine", 5, 11)
     for hold, still in (("linear", False), ("zero-order", True)):
-        _, _, data = _prepared(rig("servo", {"conventions": {"input_hold": hold}}), recording)
+        data = _prepared(rig("servo", {"conventions": {"input_hold": hold}}), recording).data
         u, slope, dt = data[1], data[3], data[0]
         np.testing.assert_array_equal(u, recording.signals["u"])
         assert bool(np.all(slope == 0.0)) == still
@@ -383,12 +378,11 @@ def test_inputs_run_linearly_unless_the_rig_holds_them():
 
 def test_each_run_has_the_supply_and_the_mass_that_the_rig_gives_it():
     stand = rig("servo", {"runs": {"s5.csv": {"supply": "480 kPa", "mass": "3.1 kg"}}})
-    plant = Plant(stand, "lugre")
     whole = servo_run("multisine", 5, 11)
     recording = Recording.from_arrays(
         "s5.csv", stand, t=whole.t, **{name: whole.signals[name] for name in whole.recorded}
     )
-    run = prepare(recording, plant, noise_of(stand, [recording]))
+    run = _prepared(stand, recording)
     assert run.mass == 3.1
     np.testing.assert_allclose(run.input("psup"), 480e3 + 101325.0)
 

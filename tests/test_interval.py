@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cache
 
 import casadi as ca
@@ -61,14 +62,14 @@ def stretch(*effects: str) -> Stretch:
     nodes = first_nodes(plant, [run], [run.motion], values, 1)
     # a sample at which the piston slides slowly, so that every parameter is felt
     first = int(np.flatnonzero((np.abs(run.motion.v[500:]) > 6e-3) & (np.abs(run.motion.v[500:]) < 1e-2))[0]) + 500
-    chains = pneuid.interval._chains(plant, plant.parameter_names, K, SUBSTEPS)
+    values_at, derivatives, trajectory = pneuid.interval._chains(plant, plant.parameter_names, K, SUBSTEPS)
     return Stretch(
-        plant, run, interval_function(plant, plant.parameter_names, K, SUBSTEPS), tuple(chains),
+        plant, run, interval_function(plant, plant.parameter_names, K, SUBSTEPS), (values_at, derivatives, trajectory),
         nodes[:, first], run.data[:, first : first + K], plant.theta(values, data_ranges([recording], plant)),
     )  # fmt: skip
 
 
-def _plain(items) -> list[np.ndarray]:
+def _plain(items: Iterable) -> list[np.ndarray]:
     return [np.asarray(item) for item in items]
 
 
@@ -180,16 +181,16 @@ def test_a_state_that_is_not_a_number_is_not_made_into_one(place):
 
 
 @pytest.fixture
-def fresh_builds():
-    """Interval functions built in the test are forgotten before and after it."""
-    pneuid.interval._build.cache_clear()
+def forget_builds():
+    """Interval functions built in the test are forgotten after it."""
     yield
     pneuid.interval._build.cache_clear()
 
 
 @pytest.mark.parametrize("tool", [None, ("/bin/false", "a compiler that fails")])
-def test_without_a_working_compiler_the_same_function_runs_interpreted(tool, monkeypatch, tmp_path, fresh_builds):
+def test_without_a_working_compiler_the_same_function_runs_interpreted(tool, monkeypatch, tmp_path, forget_builds):
     at = stretch()
+    pneuid.interval._build.cache_clear()
     monkeypatch.setattr(pneuid.compiled, "compiler", lambda: tool)
     monkeypatch.setenv("PNEUID_CACHE", str(tmp_path / "cache"))
     slow = interval_function(at.plant, at.plant.parameter_names, K, SUBSTEPS)
@@ -283,9 +284,10 @@ def test_the_start_of_a_window_is_found_from_its_measurements():
     data[:, -6:-3] = simulate(function, truth, data, theta).outputs
     guess = truth + at.plant.state_scales * [[3.0, -2.0, 1.0, -1.0, 0.0], [-1.0, 2.0, -2.0, 1.0, 0.0]]
     prior = np.array([np.inf, np.inf, np.inf, np.inf, 1e-4])
-    found = estimate_start(function, guess, data, theta, prior, at.plant.state_scales, iterations=30)
+    found, cost = estimate_start(function, guess, data, theta, prior, at.plant.state_scales, iterations=30)
     # noise-free: what is left is the stopping rule and the prior's pull on the bristle
     assert np.all(np.abs(found - truth)[:, :4] < 1e-2 * at.plant.state_scales[:4])
+    assert np.all(cost < 1e-2 * 3 * data.shape[2])
 
 
 # --- the relaxed problem ---
@@ -300,10 +302,8 @@ def _small_problem(effects: tuple[str, ...] = ()) -> tuple[Shooting, np.ndarray]
         whole = prepare(recording, plant, noise_of(plant.rig, recordings))
         data = whole.data[:, piece].copy()
         data[-3:, 5:8] = 0.0
-        motion = type(whole.motion)(*(item[piece] for item in (whole.motion.x, whole.motion.v, whole.motion.a)), 1.0)
-        runs.append(
-            Run(whole.name, whole.t[piece], data, whole.mass, (), whole.inputs, whole.outputs, recording, motion)
-        )
+        moved = {name: getattr(whole.motion, name)[piece] for name in ("x", "v", "a")}
+        runs.append(replace(whole, t=whole.t[piece], data=data, motion=replace(whole.motion, **moved)))
     values = {item.name: item.start if item.off is None else item.off + 0.1 * item.scale for item in plant.parameters}
     values |= {name: value * 1.1 for name, value in TRUTH.items()} | {"n": 1.15}
     problem = Shooting(plant, runs, plant.parameter_names, values, RANGES, SUBSTEPS, node_every=10)
@@ -352,7 +352,7 @@ def test_gradient_and_hessian_of_the_relaxed_cost_agree_with_differences(effects
         J[:, j] = (_residuals(problem, up) - _residuals(problem, down)) / (2 * h)
     # central differences of residuals of up to some hundred sigmas: eight digits of the largest column
     size = np.sqrt(np.sum(J**2, axis=0)) + 1e-12
-    np.testing.assert_allclose(gradient / size, J.T @ residual / size, atol=1e-5 * np.linalg.norm(residual))
+    np.testing.assert_allclose(gradient / size, J.T @ residual / size, atol=1e-5 * float(np.linalg.norm(residual)))
     np.testing.assert_allclose(hessian.toarray() / np.outer(size, size), (J.T @ J) / np.outer(size, size), atol=2e-5)
     end, cost = problem.evaluate_values(X)
     total = cost + 0.5 * np.sum((problem.defects(end, X) / problem.relaxation) ** 2)

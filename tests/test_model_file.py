@@ -7,6 +7,7 @@ import hashlib
 import json
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,7 @@ def nominal() -> Model:
     return nominal_model(rig(), {**TRUTH, "G_leak": 1e-11, "F_g": -3.0}, RANGES, ["gravity", "leakage_internal"])
 
 
-MODELS = {"exact": exact_model, "relaxed": relaxed_model, "nominal": nominal}
+MODELS: dict[str, Callable[[], Model]] = {"exact": exact_model, "relaxed": relaxed_model, "nominal": nominal}
 
 
 # --- round trip ---
@@ -177,7 +178,7 @@ UNCHECKED: dict[str, Callable[[dict], Any]] = {
 }
 
 
-def _refuse(change: Callable[[dict], Any], tmp_path) -> str:
+def _refuse(change: Callable[[dict], Any], tmp_path: Path) -> str:
     path = tmp_path / "model.json"
     raw = json.loads(json.dumps(relaxed_model().to_dict()))
     path.write_text(json.dumps(change(raw)), encoding="utf-8")

@@ -7,22 +7,24 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from helpers import base_fit, held_runs, rig, scores
 from scipy.sparse.linalg import spsolve
 
 from pneuid.criticism.decision import Verdict, diagnose, frozen_fit
 from pneuid.criticism.prediction import noise_floor, predict, rmse
-from pneuid.criticism.screening import _columns, _extended, screen
+from pneuid.criticism.screening import Score, _columns, _extended, screen
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import prepare
+from pneuid.estimation.shooting import Shooting
 from pneuid.estimation.solver import relaxed_system
 from pneuid.plant import Plant
 
 HIDDEN = ["leakage_internal", "valve_dead_zone", "supply_droop", "friction_direction"]
 
 
-def by_name(hidden: str = ""):
+def by_name(hidden: str = "") -> dict[str, Score]:
     return {score.effect.name: score for score in scores(hidden)}
 
 
@@ -78,7 +80,7 @@ def test_direction_of_friction_and_a_constant_force_are_one_group_while_sliding(
     assert "gravity" in found["friction_direction"].group
 
 
-def _extended_system(found: Fit, name: str):
+def _extended_system(found: Fit, name: str) -> tuple[Shooting, np.ndarray, np.ndarray, sp.csc_matrix, np.ndarray]:
     effect = CATALOGUE[name]
     plant = Plant(found.plant.rig, found.plant.law.name, [effect])
     problem, X = _extended(found, plant, [effect])
@@ -159,7 +161,7 @@ def test_the_floor_is_the_same_every_time():
 # --- the whole diagnosis ---
 
 
-def _assert_complete(verdict, hidden: str) -> None:
+def _assert_complete(verdict: Verdict, hidden: str) -> None:
     """What the contract promises of diagnosis.json and the ladder, whatever was found."""
     found = verdict.diagnosis
     assert found.verdict in ("adequate", "effect", "ambiguous", "unknown")

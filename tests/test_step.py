@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -60,7 +61,9 @@ def contract_rates(command: Callable[[float], float]) -> Callable[[float, np.nda
     return rates
 
 
-def _reference(start: np.ndarray, u: float, u_rate: float, seconds: float, method: str) -> np.ndarray:
+def _reference(
+    start: np.ndarray, u: float, u_rate: float, seconds: float, method: Literal["Radau", "LSODA"]
+) -> np.ndarray:
     found = solve_ivp(
         contract_rates(lambda t: u + u_rate * t), (0.0, seconds), start, method,
         rtol=1e-11, atol=[1e-14, 1e-13, 1e-5, 1e-5, 1e-16], max_step=2e-4,

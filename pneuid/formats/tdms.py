@@ -48,6 +48,8 @@ def read_tdms(path: Path, layout: FileLayout) -> RawTable:
     nptdms = library("nptdms", path)
     ignored: dict[str, str] = {}
     with reading(path, "a TDMS file"), path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
+        if file.file_status.incomplete_final_segment:
+            raise UserError(f"{path}: the file is cut off, its last segment is incomplete; copy or record it again")
         usable = []
         for channel in (channel for group in file.groups() for channel in group.channels()):
             reason = "empty" if len(channel) == 0 else "" if channel.dtype.kind in "fiubM" else "not real numbers"
