@@ -86,9 +86,13 @@ def run_study(
         with ProcessPoolExecutor(count) as pool:
             # the predictive controllers take longest and stand last in the registry
             pending = {pool.submit(_run_job, jobs[i]): i for i in reversed(range(len(jobs)))}
-            for future in as_completed(pending):
-                found[pending[future]] = future.result()
-                told(each * len(found), each * len(jobs))
+            try:
+                for future in as_completed(pending):
+                    found[pending[future]] = future.result()
+                    told(each * len(found), each * len(jobs))
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)  # an interrupt waits for no loop that has not begun
+                raise
     return [result for i in range(len(jobs)) for result in found[i]]
 
 

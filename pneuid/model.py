@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from pneuid.effect import Parameter
 from pneuid.effects import effects_by_name
 from pneuid.errors import UserError
 from pneuid.estimation.fit import Fit
@@ -122,6 +123,19 @@ class Model:
         part.replace(target)
 
 
+def _verdict(fit: Fit, declared: Parameter) -> str:
+    """The exact fit's verdict; a relaxed one, which has no standard errors, knows only its bounds."""
+    if declared.name in fit.verdicts:
+        return fit.verdicts[declared.name]
+    value = fit.values[declared.name]
+    near = 1e-4 * (declared.upper - declared.lower)
+    return (
+        "on its bound"
+        if min(value - declared.lower, declared.upper - value) < near and not declared.positive
+        else "weakly determined"
+    )
+
+
 def model_of(fit: Fit, name: str, hold_out: Sequence[Recording] = (), parent: str | None = None) -> Model:
     """The model that a fit identified."""
     plant = fit.plant
@@ -130,7 +144,7 @@ def model_of(fit: Fit, name: str, hold_out: Sequence[Recording] = (), parent: st
         Estimate(
             name=item.name, unit=item.unit, value=fit.values[item.name], std=None if std is None else float(std),
             lower=float(declared.lower), upper=float(declared.upper), start=float(item.start),
-            effect=plant.owner[item.name], run=None, verdict=fit.verdicts.get(item.name, "weakly determined"),
+            effect=plant.owner[item.name], run=None, verdict=_verdict(fit, declared),
         )
         for item, declared, std in zip(plant.parameters, fit.problem.declared, stds, strict=True)
     )  # fmt: skip

@@ -395,6 +395,6 @@ def test_ranges_span_all_runs_and_are_never_empty():
         assert found[f"{name}_low"] == min(run.signals[name].min() for run in runs)
         assert found[f"{name}_high"] == max(run.signals[name].max() for run in runs)
     bench = rig("bench")
-    flat = Recording.from_arrays("flat.csv", bench, t=np.arange(30) * 1e-3, x=np.linspace(0.1, 0.2, 30), F=np.ones(30))
+    flat = Recording.from_arrays("flat.csv", bench, t=1e-3 * np.arange(30.0), x=np.linspace(0.1, 0.2, 30), F=np.ones(30))
     assert all(data_ranges([flat], Plant(bench, "lugre"))[f"{name}_high"] > bench.patm for name in ("p1", "p2"))
     assert all(data_ranges([flat], Plant(bench, "lugre"))[f"{name}_low"] < bench.patm for name in ("p1", "p2"))

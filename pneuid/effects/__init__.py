@@ -12,6 +12,7 @@ from pneuid.effects.load_mass import LoadMass
 from pneuid.effects.supply_droop import SupplyDroop
 from pneuid.effects.valve_dead_zone import ValveDeadZone
 from pneuid.errors import UserError
+from pneuid.formats.rig_toml import nearest
 
 _ORDER = (
     LoadMass(),
@@ -32,5 +33,6 @@ def effects_by_name(names: tuple[str, ...] | list[str]) -> tuple[Effect, ...]:
     """The named effects in catalogue order. Raises ``UserError`` for a name that is not in the catalogue."""
     for name in names:
         if name not in CATALOGUE:
-            raise UserError(f"effect '{name}' is not in the catalogue; it holds {', '.join(CATALOGUE)}")
+            near = nearest(name, list(CATALOGUE))
+            raise UserError(f"effect '{name}' is not in the catalogue{near or ';'} it holds {', '.join(CATALOGUE)}")
     return tuple(effect for effect in _ORDER if effect.name in names)

@@ -34,7 +34,9 @@ LOOSE = 1.0
 TIGHT = 0.1
 """Spread of the defects of a model that lacks little: a tenth of 0.1 mm, 1 cm/s, 1 kPa and 10 um per interval."""
 
-THREADS = int(os.environ.get("PNEUID_THREADS", "0")) or min(os.cpu_count() or 1, 8)
+_STATED = os.environ.get("PNEUID_THREADS", "")
+THREADS = max(1, int(_STATED)) if _STATED.isdigit() else min(os.cpu_count() or 1, 8)
+"""Threads of one evaluation: every core, or what PNEUID_THREADS says (1 where processes run side by side)."""
 
 
 class Scaling:

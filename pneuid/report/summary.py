@@ -34,8 +34,13 @@ def summary_lines(comparison: Comparison) -> list[str]:
     for item in model.parameters:
         error = "" if item.std is None else f" ± {item.std:.2g}"
         owner = f" ({item.effect})" if item.effect else ""
-        lines.append(f"  {item.name:12s} {item.value:12.6g}{error} {item.unit}  {item.verdict}{owner}")
-    for role, errors in (("training", comparison.train), ("held-out", comparison.hold_out)):
+        unit = "" if item.unit == "1" else f" {item.unit}"
+        words = "" if item.std is None and item.verdict == "weakly determined" else f"  {item.verdict}"
+        lines.append(f"  {item.name:12s} {item.value:<11.5g}{error}{unit}{words}{owner}")
+    fitted = {item.sha256 for item in model.data if item.role == "train"}
+    seen = {item.run.recording.sha256 for item in comparison.predictions}
+    first = "training" if fitted & seen else "compared"
+    for role, errors in ((first, comparison.train), ("held-out", comparison.hold_out)):
         for name, found in errors.items():
             unit = SIGNALS[name].display_unit
             size, floor = (to_display(value, found.unit, unit) for value in (found.rmse, found.noise_floor))
@@ -69,6 +74,6 @@ def verdict_lines(diagnosis: Diagnosis) -> list[str]:
         lines.append(f"  {item.effect:20s} predicted drop of the cost {100 * item.screen_gain:5.1f} %, {tested}")
     if diagnosis.unknown is not None:
         rest = diagnosis.unknown
-        where = ", ".join(rest.depends_on)
+        where = ", ".join(rest.depends_on) or "no signal in particular"
         lines.append(f"unexplained: {rest.rms:.3g} {rest.unit} rms in equation {rest.equation}, follows {where}")
     return lines
