@@ -204,10 +204,43 @@ def load(path: str | Path) -> Model:
         raise
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise UserError(f"{path}: key {error} is missing or malformed; give the model.json of a fit") from error
+    _check_numbers(model, str(path))
     missing = wanted - set(model.values)
     if missing:
         raise UserError(f"{path}: parameters: {', '.join(sorted(missing))} missing for effects {list(model.effects)}")
     return model
+
+
+def _check_numbers(model: Model, where: str) -> None:
+    """Raises ``UserError`` for numbers that no fit writes."""
+    names = [item.name for item in model.parameters]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise UserError(f"{where}: parameters: {', '.join(twice)} stands twice")
+    for item in model.parameters:
+        _check_estimate(item, where)
+    for name, number in model.noise.items():
+        if not (np.isfinite(number) and number > 0):
+            raise UserError(f"{where}: noise: {name} is {number:g}; it must be positive")
+    for name, number in model.ranges.items():
+        if not np.isfinite(number):
+            raise UserError(f"{where}: ranges: {name} is {number:g}; it must be a finite number")
+    if model.substeps < 1:
+        raise UserError(f"{where}: substeps is {model.substeps}; it must be at least 1")
+
+
+def _check_estimate(item: Estimate, where: str) -> None:
+    for key in ("value", "lower", "upper", "start", "std"):
+        number = getattr(item, key)
+        if key == "std" and number is None:
+            continue
+        if not isinstance(number, int | float) or isinstance(number, bool) or not np.isfinite(number):
+            raise UserError(f"{where}: parameters: {item.name}: {key} is {number!r}; it must be a finite number")
+    if not item.lower <= item.value <= item.upper:
+        raise UserError(
+            f"{where}: parameters: {item.name}: value {item.value:g} {item.unit} lies outside its bounds "
+            f"{item.lower:g} to {item.upper:g}"
+        )
 
 
 def file_sha256(path: str | Path) -> str:

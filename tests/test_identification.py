@@ -314,7 +314,6 @@ def test_noise_that_the_rig_declares_wins():
     assert noise_of(rig(), list(train_runs())) == pytest.approx({"x": 20e-6, "p1": 500.0, "p2": 500.0})
 
 
-@pytest.mark.xfail(reason="the spacing of the values of a fast record passes for the converter's rounding: x 26 % high")
 def test_noise_that_the_rig_does_not_declare_is_estimated():
     runs = list(train_runs())
     silent = Rig.from_dict({**rig().to_dict(), "sensors": {}})

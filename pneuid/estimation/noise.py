@@ -17,12 +17,21 @@ def noise_from_roughness(y: np.ndarray) -> float:
     if y.size < 8:
         return 0.0
     third = y[3:] - 3 * y[2:-1] + 3 * y[1:-2] - y[:-3]
-    moved = third[third != 0.0]
     # where most differences are zero the record is coarser than its noise: rounding is what is left
-    spread = np.median(np.abs(third)) / 0.6745 / _THIRD_DIFFERENCE
-    steps = np.abs(np.diff(np.unique(y)))
-    rounding = float(np.median(steps)) / np.sqrt(12.0) if moved.size and steps.size else 0.0
-    return float(max(spread, rounding if rounding < 3 * spread or spread == 0.0 else 0.0))
+    spread = float(np.median(np.abs(third))) / 0.6745 / _THIRD_DIFFERENCE
+    return max(spread, _grid(y) / np.sqrt(12.0))
+
+
+def _grid(y: np.ndarray) -> float:
+    """Step of the converter when every value is a multiple of one, else 0."""
+    gaps = np.diff(np.unique(y))
+    if gaps.size == 0:
+        return 0.0
+    # values closer than rounding of the file are one value
+    gaps = gaps[gaps > 1e-3 * float(np.median(gaps))]
+    step = float(gaps.min())
+    off = np.abs(gaps / step - np.round(gaps / step))
+    return step if float(off.max()) < 0.02 else 0.0
 
 
 def sensor_noise(declared: dict[str, float], measured: dict[str, list[np.ndarray]]) -> dict[str, float]:
