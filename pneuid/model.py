@@ -142,7 +142,9 @@ def model_of(fit: Fit, name: str, hold_out: Sequence[Recording] = (), parent: st
     stds = fit.spread.std if fit.spread is not None else [None] * len(plant.parameters)
     estimates = tuple(
         Estimate(
-            name=item.name, unit=item.unit, value=fit.values[item.name], std=None if std is None else float(std),
+            name=item.name, unit=item.unit,
+            # the solver may end a rounding beyond a bound
+            value=float(np.clip(fit.values[item.name], declared.lower, declared.upper)), std=None if std is None else float(std),
             lower=float(declared.lower), upper=float(declared.upper), start=float(item.start),
             effect=plant.owner[item.name], run=None, verdict=_verdict(fit, declared),
         )
