@@ -144,7 +144,8 @@ def model_of(fit: Fit, name: str, hold_out: Sequence[Recording] = (), parent: st
         Estimate(
             name=item.name, unit=item.unit,
             # the solver may end a rounding beyond a bound
-            value=float(np.clip(fit.values[item.name], declared.lower, declared.upper)), std=None if std is None else float(std),
+            value=float(np.clip(fit.values[item.name], declared.lower, declared.upper)),
+            std=None if std is None else float(std),
             lower=float(declared.lower), upper=float(declared.upper), start=float(item.start),
             effect=plant.owner[item.name], run=None, verdict=_verdict(fit, declared),
         )
