@@ -348,6 +348,14 @@ def test_the_first_guess_is_near_and_inside_the_bounds():
         assert guess[name] == pytest.approx(TRUTH[name], rel=within), name
 
 
+def test_a_run_is_smoothed_by_as_much_as_its_sensor_is_noisy():
+    run = _prepared(rig(), servo_run("multisine", 5, 11))
+    left = run.recording.signals["x"] - run.motion.x
+    # noise of 20 um with the grid of the converter; a spline that leaves more has cut into the motion
+    assert 14e-6 < np.std(left) < 22e-6
+    assert np.std(run.motion.v - np.gradient(run.motion.x, run.t)) < 1e-3
+
+
 def _prepared(stand: Rig, recording: Recording) -> Run:
     return prepare(recording, Plant(stand, "lugre"), noise_of(stand, [recording]))
 
@@ -394,6 +402,8 @@ def test_ranges_span_all_runs_and_are_never_empty():
         assert found[f"{name}_low"] == min(run.signals[name].min() for run in runs)
         assert found[f"{name}_high"] == max(run.signals[name].max() for run in runs)
     bench = rig("bench")
-    flat = Recording.from_arrays("flat.csv", bench, t=1e-3 * np.arange(30.0), x=np.linspace(0.1, 0.2, 30), F=np.ones(30))
+    flat = Recording.from_arrays(
+        "flat.csv", bench, t=1e-3 * np.arange(30.0), x=np.linspace(0.1, 0.2, 30), F=np.ones(30)
+    )
     assert all(data_ranges([flat], Plant(bench, "lugre"))[f"{name}_high"] > bench.patm for name in ("p1", "p2"))
     assert all(data_ranges([flat], Plant(bench, "lugre"))[f"{name}_low"] < bench.patm for name in ("p1", "p2"))

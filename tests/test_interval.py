@@ -180,6 +180,13 @@ def test_a_state_that_is_not_a_number_is_not_made_into_one(place):
     assert not np.all(np.isfinite(end)) and not np.isfinite(cost.item())
 
 
+def test_compiled_code_leaves_small_numbers_alone():
+    # a library linked with -ffast-math makes the whole process flush them to zero (gcc up to 12)
+    at = stretch()
+    at.function.values(*at.arguments)
+    assert np.all(np.array([4e-310, 2e-320]) * 0.5 > 0.0)
+
+
 @pytest.fixture
 def forget_builds():
     """Interval functions built in the test are forgotten after it."""
@@ -401,6 +408,16 @@ def test_variables_survive_scaling_and_splitting():
     # each run keeps its own mass in its own intervals
     row = problem.theta(q)[problem.plant.theta_names.index("mass_run")]
     np.testing.assert_array_equal(row, [2.4] * 5 + [3.0] * 4)
+
+
+def test_the_tail_of_a_runs_last_interval_counts_for_nothing():
+    problem, _ = _small_problem()
+    weights = problem.data[-3:]
+    for k, run in enumerate(problem.runs):
+        columns = slice(problem.first[k] * problem.samples, problem.first[k + 1] * problem.samples)
+        np.testing.assert_array_equal(weights[:, columns][:, : run.n], run.weights)
+        assert not weights[:, columns][:, run.n :].any() and weights[:, columns].shape[1] > run.n
+    assert problem.weighted == np.count_nonzero(weights) and problem.total_samples == 47 + 33
 
 
 def test_smoothing_is_a_number_not_other_code():

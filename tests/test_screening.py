@@ -105,6 +105,7 @@ def test_the_predicted_drop_is_that_of_one_full_newton_step(name):
     assert by_name("friction_direction")[name].drop == pytest.approx(expected, rel=1e-3, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_the_predicted_drop_is_about_what_a_refit_finds():
     before, after = base_fit("leakage_internal"), leak_verdict()[0].best
     best = by_name("leakage_internal")["leakage_internal"]
@@ -114,6 +115,7 @@ def test_the_predicted_drop_is_about_what_a_refit_finds():
     assert after.values["G_leak"] == pytest.approx(best.start["G_leak"], rel=0.5)
 
 
+@pytest.mark.slow
 def test_effects_of_the_model_itself_and_of_the_other_kind_of_rig_are_not_screened():
     richer = leak_verdict()[0].best
     names = {score.effect.name for score in screen(richer, list(CATALOGUE.values()), list(CATALOGUE))}
@@ -183,6 +185,7 @@ def _assert_complete(verdict: Verdict, hidden: str) -> None:
     assert hidden in (*found.effects, "")
 
 
+@pytest.mark.slow
 def test_a_hidden_leak_is_diagnosed():
     verdict, said = leak_verdict()
     _assert_complete(verdict, "leakage_internal")
