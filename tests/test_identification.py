@@ -20,7 +20,7 @@ from pneuid.physics.smoothing import FINE
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.rig import Rig
-from pneuid.virtual_rig import Friction, Sensors, TruthBench, record_bench, sine, strokes
+from pneuid.virtual_rig import BENCH_SENSORS, Friction, Sensors, TruthBench, record_bench, sine, strokes
 
 WORDS = {"well determined", "weakly determined", "on its bound", "not visible"}
 
@@ -124,6 +124,15 @@ def test_lugre_on_a_bench_is_recovered():
     # bristle damping acts for milliseconds, where the spline that gives the speed is softer than the motion
     assert_within(found, {"Fc": 5e-3, "Fs": 5e-3, "vs": 2e-2, "sigma0": 2e-2, "sigma1": 0.25, "sigma2": 2e-2})
     assert any("bandwidth" in note for note in found.notes)
+
+
+@pytest.mark.xfail(reason="the noise of p1 and p2, 0.5 N on this piston, is not in the weight of F: cost 8 per sample")
+def test_noise_of_measured_pressures_reaches_the_force_of_a_bench():
+    stand = rig("bench", {"sensors": {"x": "0.3 um", "p1": "0.5 kPa", "p2": "0.5 kPa"}})
+    found = fit(Plant(stand, "lugre"), bench_runs(stand, 1, BENCH_SENSORS))
+    # 1.1 to 1.2 with it: the rest is the spline's at reversals
+    assert found.cost_per_sample < 1.4 and "missing" not in found.status
+    assert_within(found, {"Fc": 3e-2, "Fs": 3e-2, "vs": 5e-2, "sigma0": 5e-2, "sigma1": 0.8, "sigma2": 8e-2})
 
 
 def test_a_bench_without_pressures_is_any_axis_with_friction():
