@@ -208,16 +208,14 @@ def test_a_hidden_leak_is_diagnosed():
 def test_a_constant_load_on_a_bench_is_diagnosed():
     stand = rig("bench", {"sensors": {"x": "0.3 um", "p1": "0.5 kPa", "p2": "0.5 kPa"}})
     steps = ((strokes(speeds=(0.002, 0.01, 0.05), longest=0.4), 3e5, 2e5), (sine(cycles=2), 5e5, 4e5))
+    truth, load = TruthBench(friction=Friction()), HIDDEN_EFFECTS["gravity"]["strong"]
     train, held = (
         [
-            Recording.from_arrays(
-                f"bench_{i}.csv", stand,
-                **record_bench(TruthBench(friction=Friction()), p1, p2, motion, HIDDEN_EFFECTS["gravity"]["strong"], 10 * seed + i),
-            )
+            Recording.from_arrays(f"bench_{i}.csv", stand, **record_bench(truth, p1, p2, motion, load, 10 * seed + i))
             for i, (motion, p1, p2) in enumerate(steps)
         ]
         for seed in (1, 2)
-    )  # fmt: skip
+    )
     found = diagnose(fit(Plant(stand, "lugre"), train, exact=False), held, CATALOGUE).diagnosis
     assert found.effects[0] == "gravity" and found.verdict in ("effect", "ambiguous")
     assert found.ranking[0].excess_explained is not None and found.ranking[0].excess_explained > 0.95
