@@ -43,6 +43,7 @@ def simulate(function: IntervalFunction, start: np.ndarray, data: np.ndarray, th
     return Trajectory(outputs, states, s.T)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a window may diverge; it counts as infinitely bad
 def estimate_start(
     function: IntervalFunction,
     guess: np.ndarray,

@@ -126,7 +126,6 @@ def test_lugre_on_a_bench_is_recovered():
     assert any("bandwidth" in note for note in found.notes)
 
 
-@pytest.mark.xfail(reason="the noise of p1 and p2, 0.5 N on this piston, is not in the weight of F: cost 8 per sample")
 def test_noise_of_measured_pressures_reaches_the_force_of_a_bench():
     stand = rig("bench", {"sensors": {"x": "0.3 um", "p1": "0.5 kPa", "p2": "0.5 kPa"}})
     found = fit(Plant(stand, "lugre"), bench_runs(stand, 1, BENCH_SENSORS))

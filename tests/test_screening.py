@@ -204,7 +204,6 @@ def test_a_hidden_leak_is_diagnosed():
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="measured pressures' noise is not in the weight of F: friction_direction is named instead")
 def test_a_constant_load_on_a_bench_is_diagnosed():
     stand = rig("bench", {"sensors": {"x": "0.3 um", "p1": "0.5 kPa", "p2": "0.5 kPa"}})
     steps = ((strokes(speeds=(0.002, 0.01, 0.05), longest=0.4), 3e5, 2e5), (sine(cycles=2), 5e5, 4e5))

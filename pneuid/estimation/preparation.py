@@ -68,6 +68,12 @@ def noise_of(rig: Rig, recordings: Sequence[Recording]) -> dict[str, float]:
     for name, value in noise.items():
         span = max(float(np.ptp(run.signals[name])) for run in recordings)
         noise[name] = max(value, 1e-7 * span)
+    if rig.kind == "bench":
+        # measured pressures are inputs there: their noise reaches the output as a force
+        for name, area in (("p1", rig.A1), ("p2", rig.A2)):
+            measured = [run.signals[name] for run in recordings if name in run.recorded]
+            if measured:
+                noise["F"] = float(np.hypot(noise["F"], area * sensor_noise(rig.noise, {name: measured})[name]))
     return noise
 
 

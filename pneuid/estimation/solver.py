@@ -176,14 +176,13 @@ class _Evaluator:
         if key != self._value_key:
             self._trials += 1
             end, cost = self.problem.evaluate_values(X)
-            defects = self.problem.defects(end, X).ravel()
-            cost += 0.5 * float(np.sum(self.problem.prior_residual(X) ** 2))
             inequalities, _ = self.problem.constraints(X[: self.problem.nq])
-            if self.relaxed:
-                cost += 0.5 * float(np.sum((defects / self.problem.relaxation) ** 2))
-                g = inequalities
-            else:
-                g = np.concatenate([defects, inequalities])
+            with np.errstate(over="ignore", invalid="ignore"):  # a trial point may lie anywhere
+                defects = self.problem.defects(end, X).ravel()
+                cost += 0.5 * float(np.sum(self.problem.prior_residual(X) ** 2))
+                if self.relaxed:
+                    cost += 0.5 * float(np.sum((defects / self.problem.relaxation) ** 2))
+            g = inequalities if self.relaxed else np.concatenate([defects, inequalities])
             self._value_key, self._value = key, (cost * self.scale, g)
             if self.relaxed and np.isfinite(cost) and (self.best is None or cost * self.scale < self.best[0]):
                 self.best = (cost * self.scale, X.copy())
