@@ -59,7 +59,12 @@ def _rates(model: ControlModel, core: ca.SX, u: ca.SX, psup: ca.SX, force: ca.SX
 
 
 def _dynamics(model: ControlModel, N: int, interval: float) -> ca.Function:
-    """One classical Runge-Kutta step of a stage with its derivatives, mapped over the horizon."""
+    """The stage mapped over the horizon; supply and theta are the same for all stages."""
+    return stage_function(model, interval).map("controllers_dynamics", "serial", N, [3, 4], [])
+
+
+def stage_function(model: ControlModel, interval: float) -> ca.Function:
+    """``(s, du, force, psup, theta) -> (next, A, B)``: a classical Runge-Kutta step with its derivatives, scaled."""
     scale = ca.DM(stage_scale(model))
     nx = scale.numel()
     s, du = ca.SX.sym("s", nx), ca.SX.sym("du")
@@ -77,13 +82,12 @@ def _dynamics(model: ControlModel, N: int, interval: float) -> ca.Function:
     k4 = rates(core + h * k3)
     after = ca.vertcat((core + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)) / size, s[nx - 1] + du)
     outputs = [after, ca.densify(ca.jacobian(after, s)), ca.densify(ca.jacobian(after, du))]
-    stage = ca.Function("controllers_stage", [s, du, force, psup, theta], ca.cse(outputs))
-    # supply and theta are the same for all stages
-    return stage.map("controllers_dynamics", "serial", N, [3, 4], [])
+    return ca.Function("controllers_stage", [s, du, force, psup, theta], ca.cse(outputs))
 
 
-def _friction(model: ControlModel, N: int, interval: float) -> ca.Function:
-    """The bristle carried along the reference velocity by its exact exponential; the force at mid-interval."""
+def bristle_function(model: ControlModel, interval: float) -> ca.Function:
+    """``(z, x, v, p1, p2, effects, theta) -> (z, friction)``: the bristle after the interval, carried at the velocity
+    ``v`` by its exact exponential, and the model's friction in N at mid-interval."""
     z, theta = ca.SX.sym("z"), model.theta_symbol()
     effects = ca.SX.sym("effects", model.states - EFFECTS)
     x, v, p1, p2 = (ca.SX.sym(name) for name in ("x", "v", "p1", "p2"))
@@ -98,12 +102,16 @@ def _friction(model: ControlModel, N: int, interval: float) -> ca.Function:
         return z * ca.exp(-q) - source * duration * ca.expm1(-q) / q
 
     given = [z, x, v, p1, p2, effects, theta]
-    step = ca.Function("controllers_bristle", given, [moved(interval), at(moved(0.5 * interval)).friction])
-    chain = step.mapaccum("controllers_bristle_chain", N)
-    theta_mx = ca.MX.sym("theta", theta.numel())
+    return ca.Function("controllers_bristle", given, [moved(interval), at(moved(0.5 * interval)).friction])
+
+
+def _friction(model: ControlModel, N: int, interval: float) -> ca.Function:
+    """The bristle carried along the reference, and the known force of every stage."""
+    chain = bristle_function(model, interval).mapaccum("controllers_bristle_chain", N)
+    theta_mx = ca.MX.sym("theta", model.theta.size)
     z0, x_ref, v_ref = ca.MX.sym("z"), ca.MX.sym("x_ref", 1, N + 1), ca.MX.sym("v_ref", 1, N + 1)
     pressure_1, pressure_2 = ca.MX.sym("p1", 1, N), ca.MX.sym("p2", 1, N)
-    states = ca.MX.sym("effects", effects.numel(), N)
+    states = ca.MX.sym("effects", model.states - EFFECTS, N)
     alpha, residual = ca.MX.sym("alpha"), ca.MX.sym("residual")
     middle = (0.5 * (x_ref[:, :-1] + x_ref[:, 1:]), 0.5 * (v_ref[:, :-1] + v_ref[:, 1:]))
     _, force = chain(z0, *middle, pressure_1, pressure_2, states, ca.repmat(theta_mx, 1, N))

@@ -43,12 +43,16 @@ def command_for(model: ControlModel, wanted: Any, s: Any, psup: Any, lead: Any, 
 
 
 def same_effect_function(model: ControlModel) -> ca.Function:
-    """Compiled ``(u, s, psup, lead, meant, theta) -> command``: does on ``theta`` what ``u`` does on ``meant``."""
+    """``same_effect``, compiled."""
+    return compile_functions([same_effect(model)], "controllers_same_effect")[0][0]
+
+
+def same_effect(model: ControlModel) -> ca.Function:
+    """``(u, s, psup, lead, meant, theta) -> command``: does on ``theta`` what ``u`` does on ``meant``; interpreted."""
     s, u, psup, lead = ca.SX.sym("s", model.states), ca.SX.sym("u"), ca.SX.sym("psup"), ca.SX.sym("lead")
     meant, theta = ca.SX.sym("meant", model.theta.size), model.theta_symbol()
     command = command_for(model, led_force_rate(model, s, u, psup, lead, meant), s, psup, lead, theta)
-    function = ca.Function("controllers_same_effect", [u, s, psup, lead, meant, theta], [command], {"cse": True})
-    return compile_functions([function], "controllers_same_effect")[0][0]
+    return ca.Function("controllers_same_effect", [u, s, psup, lead, meant, theta], [command], {"cse": True})
 
 
 class InverseValve:

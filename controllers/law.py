@@ -47,7 +47,8 @@ class CompiledLaw(Controller):
     def __init__(self, model: ControlModel, gains: Any, sample_time: float) -> None:
         super().__init__(sample_time, model.lowest, model.highest, model.neutral)
         self.model, self.gains = model, gains
-        function, self.compiled = self._function()
+        symbolic = self.symbolic()
+        (function,), self.compiled = compile_functions([symbolic], symbolic.name())
         self._memory, self._next = np.zeros(function.numel_in(0)), np.zeros(function.numel_in(0))
         self._seen, self._target = np.zeros(len(Measurement._fields)), np.zeros(self.preview * COLUMNS)
         self._acting, self._u = np.zeros(1), np.zeros(1)
@@ -63,7 +64,8 @@ class CompiledLaw(Controller):
     def law(self, memory: Any, sample: Sample, gains: Any) -> tuple[Any, Any]:
         """Command [V] for the next sample and the memory for it, symbolic."""
 
-    def _function(self) -> tuple[ca.Function, bool]:
+    def symbolic(self) -> ca.Function:
+        """``(memory, seen, target, applied, gains, theta) -> (command, memory)``, interpreted; for code exports."""
         size = self.start(Measurement(0.0, 0.0, 0.0, 0.0)).size
         memory, seen, applied = ca.SX.sym("memory", size), ca.SX.sym("seen", 4), ca.SX.sym("applied")
         target, theta = ca.SX.sym("target", self.preview * COLUMNS), self.model.theta_symbol()
@@ -71,10 +73,8 @@ class CompiledLaw(Controller):
         gains = self.gains_type(*(numbers[i] for i in range(numbers.numel())))
         rows = ca.reshape(target, COLUMNS, self.preview).T
         u, after = self.law(memory, Sample(seen, rows, applied, theta), gains)
-        name = f"controllers_{self.name}"
-        function = ca.Function(name, [memory, seen, target, applied, numbers, theta], [u, after], {"cse": True})
-        found, compiled = compile_functions([function], name)
-        return found[0], compiled
+        given = [memory, seen, target, applied, numbers, theta]
+        return ca.Function(f"controllers_{self.name}", given, [u, after], {"cse": True})
 
     def _start(self, measurement: Measurement) -> None:
         self._memory[:] = self.start(measurement)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections import deque
+from typing import cast
 
 import casadi as ca
 import numpy as np
 
 from controllers.base import Array
-from controllers.control_model import ControlModel
+from controllers.control_model import ControlModel, KnownFriction
 from controllers.inplace import InPlace
 from pneuid.compiled import compile_functions
 from pneuid.errors import ComputationError
 from pneuid.physics.motion import GRAVITY
+from pneuid.plant import Plant
 from pneuid.step import substep, substeps_needed
 
 STEP = 1e-3
@@ -23,7 +25,8 @@ class ModelPlant:
     """The model with the interface of the virtual rig's ``ServoPlant``.
 
     delay : extra time from command to valve in s, rounded to whole steps; a loop that does not survive a small one
-    has no margin. x_noise, p_noise : 1-sigma of the sensors, m and Pa; x_grid : their resolution, m.
+    has no margin. x_noise, p_noise : 1-sigma of the sensors, m and Pa; x_grid : their resolution, m; friction : share
+    of the model's friction that this plant has.
     """
 
     def __init__(
@@ -33,10 +36,11 @@ class ModelPlant:
         x_noise: float = 2e-6,
         x_grid: float = 1e-6,
         p_noise: float = 500.0,
+        friction: float = 1.0,
     ) -> None:
         self.model, self.x_noise, self.x_grid, self.p_noise = model, x_noise, x_grid, p_noise
         self._waiting = round(delay / STEP)
-        function = _step_function(model)
+        function = compile_functions([step_function(model, friction)], "controllers_model_step")[0][0]
         self._s, self._next, self._given = np.zeros(model.states), np.zeros(model.states), np.zeros(2)
         self._h = np.zeros(1)
         self._run = InPlace(function, (self._s, self._given, self._h, model.theta.copy()), (self._next,))
@@ -80,11 +84,13 @@ class ModelPlant:
         return self._s
 
 
-def _step_function(model: ControlModel) -> ca.Function:
+def step_function(model: ControlModel, friction: float = 1.0) -> ca.Function:
+    """``(s, (u, psup), h, theta) -> s`` after ``h <= STEP`` seconds, interpreted; ``friction`` as in ``ModelPlant``."""
+    # the step needs the plant's evaluation alone
+    plant = model.plant if friction == 1.0 else cast("Plant", KnownFriction(model, friction, 0.0))
     s, given, h, theta = ca.SX.sym("s", model.states), ca.SX.sym("w", 2), ca.SX.sym("h"), model.theta_symbol()
     count = substeps_needed(model.plant, model.theta, STEP)
     after = s
     for _ in range(count):
-        after = substep(model.plant, after, given, ca.DM.zeros(2), h / count, theta)
-    function = ca.Function("controllers_model_step", [s, given, h, theta], [after], {"cse": True})
-    return compile_functions([function], "controllers_model_step")[0][0]
+        after = substep(plant, after, given, ca.DM.zeros(2), h / count, theta)
+    return ca.Function("controllers_model_step", [s, given, h, theta], [after], {"cse": True})

@@ -87,6 +87,11 @@ class Mpc(Controller):
         self._Q = np.tile(weight, (h.N + 1, 1))
         self._Q[h.N] *= gains.terminal
         self._R = (gains.change * h.scale[-1] / ERROR_SCALE) ** 2
+        self.program = qp.Program(
+            np.swapaxes(self._A, 1, 2), self._B, np.zeros_like(self._B), self._Q, np.zeros_like(self._Q), self._R,
+            self._lower, self._upper, self._give, self._stage_state(),
+        )  # fmt: skip
+        """The quadratic program of the last step, its arrays partly shared with the controller's work space."""
 
     @property
     def memory(self) -> np.ndarray:
@@ -100,7 +105,8 @@ class Mpc(Controller):
         self._seen, self._acting, self._numbers = np.zeros(4), np.zeros(1), np.zeros(4)
         theta = model.theta.copy()
         given = (self._memory, self._seen, self._acting, self._numbers, theta)
-        self._observe = InPlace(_observer(model, self.sample_time), given, (self._observed,))
+        compiled = compile_functions([observer_function(model, self.sample_time)], "controllers_observer")[0][0]
+        self._observe = InPlace(compiled, given, (self._observed,))
         self._supply, self._meant, self._command_out = np.zeros(1), np.zeros(1), np.zeros(1)
         self._rounded = model.with_values(smooth_opening=ROUNDED_OPENING, smooth_laminar=ROUNDED_LAMINAR)
         lead = np.array([self.sample_time])
@@ -180,10 +186,11 @@ class Mpc(Controller):
         target[:, 0], target[:, 1] = ahead[:, POSITION] / h.scale[0], ahead[:, VELOCITY] / h.scale[1]
         c = self._after - np.einsum("iab,ib->ia", A, self._start_x) - self._B * self._start_u[:, None]
         self._upper[:, 2:4] = 1.05 * self._supply[0] / h.scale[2]
-        found = qp.solve(
+        self.program = qp.Program(
             A, self._B, c, self._Q, -self._Q * target, self._R, self._lower, self._upper, self._give,
-            self._stage_state(), TOLERANCE,
+            self._stage_state(),
         )  # fmt: skip
+        found = qp.solve(*self.program, TOLERANCE)
         self.iterations = found.iterations
         if not np.all(np.isfinite(found.u)):
             return float("nan")
@@ -197,12 +204,10 @@ class MpcEso(Mpc):
     name = "nmpc_eso"
 
 
-def _observer(model: ControlModel, sample_time: float) -> ca.Function:
-    """The observer of one sample, compiled."""
+def observer_function(model: ControlModel, sample_time: float) -> ca.Function:
+    """``(memory, seen, applied, gains, theta) -> memory``: the observer of one sample, interpreted."""
     memory, seen, applied = ca.SX.sym("memory", memory_size(model)), ca.SX.sym("seen", 4), ca.SX.sym("applied")
     numbers, theta = ca.SX.sym("gains", 4), model.theta_symbol()
     gains = ObserverGains(*(numbers[i] for i in range(4)))
     after = observed(model, memory, seen, applied, gains, sample_time, theta)
-    name = "controllers_observer"
-    function = ca.Function(name, [memory, seen, applied, numbers, theta], [after], {"cse": True})
-    return compile_functions([function], name)[0][0]
+    return ca.Function("controllers_observer", [memory, seen, applied, numbers, theta], [after], {"cse": True})

@@ -39,6 +39,21 @@ class Solution(NamedTuple):
     solved: bool
 
 
+class Program(NamedTuple):
+    """The arguments of ``solve`` but its tolerance."""
+
+    A: Array
+    B: Array
+    c: Array
+    Q: Array
+    q: Array
+    R: float
+    lower: Array
+    upper: Array
+    give: Array
+    x0: Array
+
+
 def solve(
     A: Array, B: Array, c: Array, Q: Array, q: Array, R: float, lower: Array, upper: Array, give: Array, x0: Array,
     tolerance: float = 1e-8,

@@ -13,7 +13,8 @@ from pneuid.criticism import decision
 from pneuid.criticism.comparison import Comparison, compare, frozen
 from pneuid.criticism.diagnosis import Diagnosis
 from pneuid.criticism.prediction import predict_free
-from pneuid.effects import CATALOGUE, effects_by_name
+from pneuid.effect import Effect
+from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
 from pneuid.errors import UserError
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.fit import fit as estimate
@@ -92,7 +93,10 @@ def plant_of(rig: Rig, add: Sequence[str] = (), drop: Sequence[str] = (), fricti
     law = friction or rig.friction
     if law not in LAWS:
         raise UserError(f"friction law '{law}' is not known; choose one of {', '.join(LAWS)}")
-    names = list(dict.fromkeys([*rig.base_effects, *add]))
+    for name in add:
+        if name in LAW_STEPS:
+            law = _richer(law, LAW_STEPS[name])
+    names = list(dict.fromkeys(name for name in [*rig.base_effects, *add] if name not in LAW_STEPS))
     for name in drop:
         if name not in names:
             raise UserError(f"effect '{name}' cannot be dropped: the model has {', '.join(names) or 'no effects'}")
@@ -102,7 +106,19 @@ def plant_of(rig: Rig, add: Sequence[str] = (), drop: Sequence[str] = (), fricti
             raise UserError(
                 f"effect '{effect.name}' cannot show on a {rig.kind} rig; it needs {' or '.join(effect.rigs)}"
             )
+        if law not in effect.laws:
+            raise UserError(
+                f"effect '{effect.name}' cannot show with friction law '{law}'; it needs {' or '.join(effect.laws)}"
+            )
     return Plant(rig, law, chosen)
+
+
+def _richer(law: str, step: Effect) -> str:
+    """The law that ``step`` leads to from ``law``, which may have been reached already."""
+    richer = str(step.richer_law)
+    if law != richer and law not in step.laws:
+        raise UserError(f"'{step.name}' leads from {' or '.join(step.laws)}; the friction law here is '{law}'")
+    return richer
 
 
 def load(path: str | Path) -> IdentifiedModel:
@@ -134,7 +150,7 @@ def diagnose(
     if not _same_runs(fitted, train):
         fitted = None
     base = fitted or refitted(IdentifiedModel(model.content), train, monitor)
-    return decision.diagnose(base, held, CATALOGUE, monitor, say)
+    return decision.diagnose(base, held, CATALOGUE | LAW_STEPS, monitor, say)
 
 
 def _same_runs(fitted: Fit | None, runs: Sequence[Recording]) -> bool:

@@ -22,6 +22,7 @@ from pneuid.terminal import (
     next_folder,
     result_folder,
     run_command,
+    warn,
     write_json,
 )
 
@@ -62,6 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     else:
         runs, held = read_runs(given.data, model.content.rig), []
     folder = result_folder(given.out, "compare", embedded, given.overwrite)
+    warn(model.content.rig, [*runs, *held])
     with Progress() as progress:
         progress.doing(f"simulating {len(runs) + len(held)} runs")
         comparison = model.compare(runs, held)

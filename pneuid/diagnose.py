@@ -24,6 +24,7 @@ from pneuid.terminal import (
     next_folder,
     result_folder,
     run_command,
+    warn,
     write_json,
 )
 
@@ -57,6 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         every = read_runs([*given.data, *given.hold_out], model.content.rig)
         runs, held = every[: len(given.data)], every[len(given.data) :]
     folder = result_folder(given.out, "diagnose", embedded, given.overwrite)
+    warn(model.content.rig, [*runs, *held])
     with Progress() as progress:
         progress.doing("fitting the model again on its relaxed problem")
         found = api.diagnose(model, runs, held, progress.monitor, progress.doing)

@@ -7,16 +7,24 @@ at the off-values every port returns what it was given.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 
-from pneuid.physics.friction import Coefficients, FrictionLaw
+from pneuid.physics.friction import LAWS, Coefficients, FrictionLaw
 from pneuid.physics.smoothing import Expression, Smoothing
+from pneuid.physics.valve import Edges
 from pneuid.rig import Rig
 
 EQUATIONS = ("valve", "flow_1", "flow_2", "pressure_1", "pressure_2", "friction", "force")
 """Equations that an effect can enter; ``sensor_SIGNAL`` stands beside them."""
+
+
+PORTS = (
+    "mass", "valve", "edges", "supply", "critical_ratio", "flows", "volumes", "pressure_rates", "coefficients",
+    "stribeck_speed", "friction", "force", "sensor",
+)  # fmt: skip
+"""Methods of ``Effect`` that are ports."""
 
 
 @dataclass(frozen=True)
@@ -75,12 +83,42 @@ class Scope:
     p2: Expression = None
     z: Expression = None
     psup: Expression = None
+    opening: Expression = None
+    """Signed relative opening that stands at the effect's own ``valve`` port."""
     opening_1: Expression = None
     opening_2: Expression = None
     supply_flow: Expression = None
     """Mass flow drawn from the supply, kg/s."""
     full_flow: Expression = None
     """Choked flow from the nominal supply through the fully open valve, kg/s."""
+    valve_flow_1: Expression = None
+    """Mass flow through the valve towards chamber 1, kg/s."""
+    valve_flow_2: Expression = None
+    """Mass flow through the valve towards chamber 2, kg/s."""
+    mdot1: Expression = None
+    """Mass flow into chamber 1, kg/s."""
+    mdot2: Expression = None
+    """Mass flow into chamber 2, kg/s."""
+    V1: Expression = None
+    """Volume of chamber 1, m^3."""
+    V2: Expression = None
+    """Volume of chamber 2, m^3."""
+    n: Expression = None
+    """Polytropic exponent of the base model."""
+    p1_rate: Expression = None
+    """Rate of the pressure in chamber 1, Pa/s."""
+    p2_rate: Expression = None
+    """Rate of the pressure in chamber 2, Pa/s."""
+    pressure_force: Expression = None
+    """Net force of the measured pressures on the piston, N, in +x."""
+    F: Expression = None
+    """True driving force of a bench, N."""
+    mass: Expression = None
+    """Moving mass, kg."""
+    friction: Expression = None
+    """Friction force, N, against +v."""
+    acceleration: Expression = None
+    """Acceleration of the piston, m/s^2, known to ``relaxations`` alone."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +147,15 @@ class Effect:
     guarantees: tuple[str, ...] = ()
     """Promises checked by the contract suite: ``dissipative``, ``conserves mass``."""
     states: Sequence[State] = ()
+    laws: tuple[str, ...] = tuple(LAWS)
+    """Friction laws that it can stand beside."""
+    richer_law: str | None = None
+    """Law that takes the place of a simpler one when this is added; its ports then serve screening alone."""
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """Names of the ports that it overrides."""
+        return tuple(port for port in PORTS if getattr(type(self), port) is not getattr(Effect, port))
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """Declarations of its parameters on this rig."""
@@ -128,6 +175,14 @@ class Effect:
         """Signed relative opening, -1..1 before saturation."""
         return opening
 
+    def critical_ratio(self, b: Expression, scope: Scope) -> Expression:
+        """Critical pressure ratio of the valve's edges (``flow_1``)."""
+        return b
+
+    def edges(self, edges: Edges, scope: Scope) -> Edges:
+        """Openings of the four metering edges, after saturation (``valve``)."""
+        return edges
+
     def supply(self, psup: Expression, scope: Scope) -> Expression:
         """Absolute pressure at the valve's supply port, Pa."""
         return psup
@@ -136,9 +191,21 @@ class Effect:
         """Mass flows into the chambers, kg/s (``flow_1``, ``flow_2``)."""
         return mdot1, mdot2
 
+    def volumes(self, V1: Expression, V2: Expression, scope: Scope) -> tuple[Expression, Expression]:
+        """Volumes of the chambers, m^3 (``pressure_1``, ``pressure_2``)."""
+        return V1, V2
+
+    def pressure_rates(self, rate1: Expression, rate2: Expression, scope: Scope) -> tuple[Expression, Expression]:
+        """Rates of the chamber pressures, Pa/s, with flows and volumes known (``pressure_1``, ``pressure_2``)."""
+        return rate1, rate2
+
     def coefficients(self, k: Coefficients, scope: Scope) -> Coefficients:
         """Friction coefficients at the operating point (``friction``)."""
         return k
+
+    def stribeck_speed(self, v: Expression, scope: Scope) -> Expression:
+        """Speed in m/s at which the Stribeck curve is read (``friction``)."""
+        return v
 
     def friction(self, force: Expression, scope: Scope) -> Expression:
         """Friction force, N, against +v (``friction``)."""
@@ -153,5 +220,19 @@ class Effect:
         return value
 
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
-        """``state name -> (target, time constant in s)`` of its states, with every flow known."""
+        """``state name -> (target, time constant in s)`` of its states, with every flow and force known."""
         return {}
+
+    def law_start(self, values: Mapping[str, float], amplitudes: Mapping[str, float], rig: Rig) -> dict[str, float]:
+        """Values (SI) of the richer law's coefficients from the simple law's ``values`` and the screened amplitudes."""
+        return {}
+
+
+INTEGRATION_TIME = 0.01
+"""Time constant in s that carries a state without one of its own. The step is second order whatever it is; relative to an
+explicit midpoint step of ``h`` seconds the rate is off by ``0.21 (h / INTEGRATION_TIME)^2``."""
+
+
+def integrated(state: Expression, rate: Expression) -> tuple[Expression, Expression]:
+    """``(target, time constant)`` of a state with ``ds/dt = rate`` that does not relax, such as a deflection."""
+    return state + INTEGRATION_TIME * rate, INTEGRATION_TIME

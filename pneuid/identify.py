@@ -14,7 +14,8 @@ from pneuid.criticism.comparison import Comparison
 from pneuid.criticism.diagnosis import Diagnosis
 from pneuid.criticism.ladder import Rung, from_json, rung_of, to_json
 from pneuid.errors import UserError
-from pneuid.model import file_sha256
+from pneuid.estimation.fit import Interrupted
+from pneuid.model import file_sha256, model_of
 from pneuid.physics.friction import LAWS
 from pneuid.report.reports import identify_report
 from pneuid.report.summary import metrics_json, summary_lines
@@ -28,6 +29,7 @@ from pneuid.terminal import (
     next_folder,
     result_folder,
     run_command,
+    warn,
     write_json,
 )
 
@@ -72,13 +74,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     api.plant_of(runs.rig, add, drop, friction)
     before = _ladder(given, parent)
     folder = result_folder(given.out, "identify", embedded, given.overwrite)
+    warn(runs.rig, [*runs.train, *runs.hold_out])
     with Progress() as progress:
         progress.doing(f"fitting {len(runs.train)} runs, {sum(run.n for run in runs.train)} samples")
-        model = api.fit(
-            runs.rig, runs.train, add=add, drop=drop, friction=friction, name=folder.name,
-            start=parent.values if parent else None, hold_out=runs.hold_out,
-            parent=file_sha256(given.parent) if given.parent else None, monitor=progress.monitor,
-        )  # fmt: skip
+        try:
+            model = api.fit(
+                runs.rig, runs.train, add=add, drop=drop, friction=friction, name=folder.name,
+                start=parent.values if parent else None, hold_out=runs.hold_out,
+                parent=file_sha256(given.parent) if given.parent else None, monitor=progress.monitor,
+            )  # fmt: skip
+        except Interrupted as stopped:
+            model_of(stopped.best, folder.name, runs.hold_out).save(folder / "model.json")
+            progress.say(f"stopped; the best so far, labelled so, is in {folder / 'model.json'}")
+            raise
         progress.doing("comparing with the recordings")
         comparison = model.compare(runs.train, runs.hold_out)
     rungs = [*before, rung_of(comparison, ", ".join(given.add) or None)]

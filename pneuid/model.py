@@ -15,6 +15,7 @@ from pneuid.effect import Parameter
 from pneuid.effects import effects_by_name
 from pneuid.errors import UserError
 from pneuid.estimation.fit import Fit
+from pneuid.estimation.own import key, of_key
 from pneuid.physics.smoothing import FINE, Smoothing
 from pneuid.plant import RANGES, Plant
 from pneuid.recording import Recording
@@ -85,7 +86,7 @@ class Model:
     @property
     def values(self) -> dict[str, float]:
         """Parameter values by name, SI."""
-        return {item.name: item.value for item in self.parameters}
+        return {item.name if item.run is None else key(item.name, item.run): item.value for item in self.parameters}
 
     @property
     def plant(self) -> Plant:
@@ -139,17 +140,18 @@ def _verdict(fit: Fit, declared: Parameter) -> str:
 def model_of(fit: Fit, name: str, hold_out: Sequence[Recording] = (), parent: str | None = None) -> Model:
     """The model that a fit identified."""
     plant = fit.plant
-    stds = fit.spread.std if fit.spread is not None else [None] * len(plant.parameters)
+    every = fit.problem.declared
+    stds = fit.spread.std if fit.spread is not None else [None] * len(every)
     estimates = tuple(
         Estimate(
-            name=item.name, unit=item.unit,
+            name=of_key(item.name)[0], unit=item.unit,
             # the solver may end a rounding beyond a bound
-            value=float(np.clip(fit.values[item.name], declared.lower, declared.upper)),
+            value=float(np.clip(fit.values[item.name], item.lower, item.upper)),
             std=None if std is None else float(std),
-            lower=float(declared.lower), upper=float(declared.upper), start=float(item.start),
-            effect=plant.owner[item.name], run=None, verdict=_verdict(fit, declared),
+            lower=float(item.lower), upper=float(item.upper), start=float(item.start),
+            effect=plant.owner.get(item.name), run=of_key(item.name)[1], verdict=_verdict(fit, item),
         )
-        for item, declared, std in zip(plant.parameters, fit.problem.declared, stds, strict=True)
+        for item, std in zip(every, stds, strict=True)
     )  # fmt: skip
     summary = FitSummary(
         fit.stage, fit.converged, fit.status, fit.cost_per_sample, "ipopt", fit.iterations, round(fit.seconds, 3)
@@ -192,6 +194,8 @@ def load(path: str | Path) -> Model:
         raw = json.loads(text)
     except json.JSONDecodeError as error:
         raise UserError(f"{path}: line {error.lineno}: not JSON ({error.msg}); give the model.json of a fit") from error
+    except RecursionError as error:
+        raise UserError(f"{path}: nested too deeply for a model; give the model.json of a fit") from error
     if not isinstance(raw, dict) or raw.get("schema") != SCHEMA:
         raise UserError(f"{path}: schema: expected {SCHEMA}; this is not a model.json of this version")
     try:
@@ -216,7 +220,7 @@ def load(path: str | Path) -> Model:
 
 def _check_numbers(model: Model, where: str) -> None:
     """Raises ``UserError`` for numbers that no fit writes."""
-    names = [item.name for item in model.parameters]
+    names = [item.name if item.run is None else key(item.name, item.run) for item in model.parameters]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise UserError(f"{where}: parameters: {', '.join(twice)} stands twice")
@@ -233,12 +237,12 @@ def _check_numbers(model: Model, where: str) -> None:
 
 
 def _check_estimate(item: Estimate, where: str) -> None:
-    for key in ("value", "lower", "upper", "start", "std"):
-        number = getattr(item, key)
-        if key == "std" and number is None:
+    for field in ("value", "lower", "upper", "start", "std"):
+        number = getattr(item, field)
+        if field == "std" and number is None:
             continue
         if not isinstance(number, int | float) or isinstance(number, bool) or not np.isfinite(number):
-            raise UserError(f"{where}: parameters: {item.name}: {key} is {number!r}; it must be a finite number")
+            raise UserError(f"{where}: parameters: {item.name}: {field} is {number!r}; it must be a finite number")
     if not item.lower <= item.value <= item.upper:
         raise UserError(
             f"{where}: parameters: {item.name}: value {item.value:g} {item.unit} lies outside its bounds "

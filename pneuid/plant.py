@@ -24,8 +24,8 @@ from pneuid.rig import Rig
 SMOOTHING_NAMES = ("smooth_speed", "smooth_opening", "smooth_laminar")
 
 _CONSTANTS = (
-    "mass_nominal", "mass_run", "incline", "A1", "A2", "V01", "V02", "stroke", "patm", "T", "b", "full_scale", "null",
-    "carrier_stiffness", "carrier_damping", "p1_low", "p1_high", "p2_low", "p2_high", "x_low", "x_high",
+    "mass_nominal", "mass_run", "supply_shift", "incline", "A1", "A2", "V01", "V02", "stroke", "patm", "T", "b", "full_scale",
+    "null", "carrier_stiffness", "carrier_damping", "p1_low", "p1_high", "p2_low", "p2_high", "x_low", "x_high",
 )  # fmt: skip
 
 RANGES = ("p1_low", "p1_high", "p2_low", "p2_high", "x_low", "x_high")
@@ -58,10 +58,13 @@ class Stages:
     outputs: dict[str, Expression] = field(default_factory=dict)
     """What the sensors show, by signal."""
     opening: Expression = None
+    edges: valve.Edges | None = None
     mdot1: Expression = None
     mdot2: Expression = None
     friction: Expression = None
     coefficients: Any = None
+    mass: Expression = None
+    """Moving mass, kg, effects included."""
 
 
 def _base_parameters(rig: Rig, law: friction.FrictionLaw) -> tuple[Parameter, ...]:
@@ -138,13 +141,18 @@ class Plant:
         ranges: Mapping[str, float],
         mass_run: float | None = None,
         smoothing: Smoothing = FINE,
+        supply_shift: float = 0.0,
     ) -> np.ndarray:
-        """Column ``(len(theta_names),)`` from parameter values (SI), data ranges and a run's own mass in kg."""
+        """Column ``(len(theta_names),)`` from parameter values (SI), data ranges, and what one run has for itself.
+
+        mass_run : its moving mass, kg; supply_shift : by how much its supply is above the stated one, Pa.
+        """
         rig, servo = self.rig, self.servo
         carrier = rig.mass * friction.CARRIER_FREQUENCY**2 if servo else friction.CARRIER_STIFFNESS_BENCH
         damping = 2 * friction.CARRIER_DAMPING_RATIO * friction.CARRIER_FREQUENCY * rig.mass if servo else 0.0
         constants = {
-            "mass_nominal": rig.mass, "mass_run": rig.mass if mass_run is None else mass_run, "incline": rig.incline,
+            "mass_nominal": rig.mass, "mass_run": rig.mass if mass_run is None else mass_run,
+            "supply_shift": supply_shift, "incline": rig.incline,
             "A1": rig.A1, "A2": rig.A2, "V01": rig.V01 if servo else 1.0, "V02": rig.V02 if servo else 1.0,
             "stroke": rig.stroke if servo else 1.0, "patm": rig.patm, "T": rig.temperature,
             "b": rig.critical_ratio if servo else 0.3, "full_scale": rig.full_scale if servo else 1.0,
@@ -181,6 +189,8 @@ class Plant:
         """All stages at state ``s``, input ``w`` and ``theta`` (indexable, numbers or symbols)."""
         state, given, th = self._named(s, w, theta)
         known = given | state
+        if self.servo:
+            known["psup"] = known["psup"] + th["supply_shift"]
         scopes = self._scopes(state, th)
         for scope in scopes:
             for name in ("x", "v", "p1", "p2", "z"):
@@ -190,6 +200,7 @@ class Plant:
             self._pneumatics(stages, known, th, scopes)
         self._mechanics(stages, known, th, scopes)
         for effect, scope in zip(self.effects, scopes, strict=True):
+            scope.F = stages.outputs.get("F")
             targets = effect.relaxations(scope)
             for own in effect.states:
                 target, time_constant = targets[own.name]
@@ -207,31 +218,42 @@ class Plant:
         x, v, p1, p2 = known["x"], known["v"], known["p1"], known["p2"]
         opening = valve.relative_command(known["u"], th["null"], th["full_scale"])
         for effect, scope in zip(self.effects, scopes, strict=True):
+            scope.opening = opening
             opening = effect.valve(opening, scope)
         edge_1, edge_2 = valve.edges(opening, smoothing)
-        psup = known["psup"]
+        edges = valve.Edges(supply_1=edge_1, supply_2=edge_2, exhaust_1=edge_2, exhaust_2=edge_1)
+        psup, b = known["psup"], th["b"]
         for effect, scope in zip(self.effects, scopes, strict=True):
+            scope.opening_1, scope.opening_2 = edge_1, edge_2
+            edges = effect.edges(edges, scope)
             psup = effect.supply(psup, scope)
+            b = effect.critical_ratio(b, scope)
 
         def flow(p_from: Expression, p_to: Expression) -> Expression:
-            return valve.mass_flow(p_from, p_to, th["C"], th["b"], th["T"], smoothing.laminar)
+            return valve.mass_flow(p_from, p_to, th["C"], b, th["T"], smoothing.laminar)
 
-        supply_1, supply_2 = edge_1 * flow(psup, p1), edge_2 * flow(psup, p2)
-        mdot1 = supply_1 - edge_2 * flow(p1, th["patm"])
-        mdot2 = supply_2 - edge_1 * flow(p2, th["patm"])
+        supply_1, supply_2 = edges.supply_1 * flow(psup, p1), edges.supply_2 * flow(psup, p2)
+        mdot1 = supply_1 - edges.exhaust_1 * flow(p1, th["patm"])
+        mdot2 = supply_2 - edges.exhaust_2 * flow(p2, th["patm"])
         for scope in scopes:
-            scope.psup, scope.opening_1, scope.opening_2 = psup, edge_1, edge_2
+            scope.psup, scope.valve_flow_1, scope.valve_flow_2 = psup, mdot1, mdot2
             scope.supply_flow, scope.full_flow = supply_1 + supply_2, th["C"] * RHO_REFERENCE * known["psup"]
+        V1, V2 = th["V01"] + th["A1"] * x, th["V02"] + th["A2"] * (th["stroke"] - x)
         for effect, scope in zip(self.effects, scopes, strict=True):
             mdot1, mdot2 = effect.flows(mdot1, mdot2, scope)
-        V1, V2 = th["V01"] + th["A1"] * x, th["V02"] + th["A2"] * (th["stroke"] - x)
+            V1, V2 = effect.volumes(V1, V2, scope)
         # a solver's trial point may lie beyond the end stops, where the volume must stay positive
         V1, V2 = ca.fmax(V1, 0.2 * th["V01"]), ca.fmax(V2, 0.2 * th["V02"])
-        stages.opening, stages.mdot1, stages.mdot2 = opening, mdot1, mdot2
-        stages.explicit = [
-            chamber.pressure_rate(p1, V1, th["A1"] * v, mdot1, th["n"], th["T"]),
-            chamber.pressure_rate(p2, V2, -th["A2"] * v, mdot2, th["n"], th["T"]),
-        ]
+        stages.opening, stages.edges, stages.mdot1, stages.mdot2 = opening, edges, mdot1, mdot2
+        rate1 = chamber.pressure_rate(p1, V1, th["A1"] * v, mdot1, th["n"], th["T"])
+        rate2 = chamber.pressure_rate(p2, V2, -th["A2"] * v, mdot2, th["n"], th["T"])
+        for scope in scopes:
+            scope.mdot1, scope.mdot2, scope.V1, scope.V2, scope.n = mdot1, mdot2, V1, V2, th["n"]
+        for effect, scope in zip(self.effects, scopes, strict=True):
+            rate1, rate2 = effect.pressure_rates(rate1, rate2, scope)
+        for scope in scopes:
+            scope.p1_rate, scope.p2_rate = rate1, rate2
+        stages.explicit = [rate1, rate2]
 
     def _mechanics(self, stages: Stages, known: dict, th: dict, scopes: list[Scope]) -> None:
         """Friction and force balance: the second half of the evaluation order."""
@@ -240,22 +262,29 @@ class Plant:
         k = self.law.coefficients(base, th["carrier_stiffness"], th["carrier_damping"])
         for effect, scope in zip(self.effects, scopes, strict=True):
             k = effect.coefficients(k, scope)
-        decay = friction.bristle_decay(k, v, th["smooth_speed"])
+        stribeck_speed, mass = v, th["mass_run"]
+        for effect, scope in zip(self.effects, scopes, strict=True):
+            stribeck_speed = effect.stribeck_speed(stribeck_speed, scope)
+        decay = friction.bristle_decay(k, v, th["smooth_speed"], stribeck_speed)
         resisting = friction.friction_force(k, z, v - decay * z, v)
-        mass = th["mass_run"]
         for effect, scope in zip(self.effects, scopes, strict=True):
             resisting = effect.friction(resisting, scope)
             mass = effect.mass(mass, scope)
+        for scope in scopes:
+            scope.mass, scope.friction = mass, resisting
         other = -resisting - mass * motion.GRAVITY * ca.sin(th["incline"])
         if self.servo:
             other = other - motion.end_stop_force(x, v, th["stroke"])
         for effect, scope in zip(self.effects, scopes, strict=True):
             other = effect.force(other, scope)
         pushing = motion.pressure_force(known["p1"], known["p2"], th["A1"], th["A2"], th["patm"])
-        stages.coefficients, stages.friction = k, resisting
+        stages.coefficients, stages.friction, stages.mass = k, resisting, mass
         stages.relaxing = [(v, decay)]
+        acceleration = (pushing + other) / mass if self.servo else known["a"]
+        for scope in scopes:
+            scope.acceleration, scope.pressure_force = acceleration, pushing
         if self.servo:
-            stages.explicit = [v, (pushing + other) / mass, *stages.explicit]
+            stages.explicit = [v, acceleration, *stages.explicit]
             stages.outputs = {"x": x, "p1": known["p1"], "p2": known["p2"]}
         else:
             stages.outputs = {"F": mass * known["a"] - pushing - other}

@@ -25,6 +25,9 @@ SERVO_SIGNALS = ("t", "u", "x", "v", "p1", "p2", "psup")
 BENCH_SIGNALS = ("t", "x", "v", "p1", "p2", "F")
 """Signals a bench can record; ``x``, ``F`` and ``t`` are required."""
 
+FREE_IN_A_RUN = ("supply", "mass")
+"""Quantities that ``[runs."x.csv"] free`` may name."""
+
 _LEAST_SUPPLY = 1e4  # Pa above ambient: less moves no cylinder, and is mPa written for MPa
 
 
@@ -286,6 +289,11 @@ def _noise(signal: str, text: object, where: str) -> float:
 def _run(name: str, run: Run, parsed: RigFile, where: str) -> RunSettings:
     place = f"{where}: {dotted(('runs', name))}"
     _check_names(f"{dotted(('runs', name))}.free", run.free, where)
+    for wanted in run.free:
+        if wanted not in FREE_IN_A_RUN:
+            known = ", ".join(FREE_IN_A_RUN)
+            near = nearest(wanted, list(FREE_IN_A_RUN))
+            raise UserError(f"{place}.free: {shown(wanted)} cannot be fitted for one run; known: {known}{near}")
     if parsed.kind == "bench" and (run.supply is not None or "supply" in run.free):
         raise UserError(f"{place}.supply: a bench has no valve supply; remove it")
     return RunSettings(_absolute_supply(run.supply, parsed, f"{place}.supply"), run.mass, tuple(run.free))

@@ -8,6 +8,7 @@ Source of the idea: Hochbruck, Ostermann, Acta Numerica 19 (2010) 209, section 2
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import casadi as ca
@@ -48,10 +49,6 @@ def fastest_rates(plant: Plant, theta: np.ndarray) -> dict[str, float]:
     if not plant.servo:
         return {}
     value = dict(zip(plant.theta_names, theta, strict=True))
-    mass = value.get("mass", value["mass_run"])
-    static = plant.law.static
-    sigma0 = value["carrier_stiffness"] if static else value["sigma0"]
-    sigma1 = value["carrier_damping"] if static else value.get("sigma1", 0.0)
     # slope of the flow function in its linear patch, per unit of pressure
     edge = 1.0 - FINE.laminar
     slope = np.sqrt(1.0 - ((edge - value["b"]) / (1.0 - value["b"])) ** 2) / FINE.laminar
@@ -60,19 +57,56 @@ def fastest_rates(plant: Plant, theta: np.ndarray) -> dict[str, float]:
         value["V02"] + value["A2"] * max(value["stroke"] - value["x_high"], 0.0),
     )
     chamber = value["n"] * R_AIR * value["T"] * value["C"] * RHO_REFERENCE * slope / smallest
-    return {
-        "bristle": float(np.sqrt(sigma0 / mass)),
-        "damping": float((sigma1 + value["sigma2"]) / mass),
-        "chamber": float(chamber),
-    }
+    bristle, damping = _rates_at_rest(plant, theta)
+    return {"bristle": bristle, "damping": damping, "chamber": float(chamber)}
+
+
+def _rates_at_rest(plant: Plant, theta: np.ndarray) -> tuple[float, float]:
+    """Largest natural frequency (rad/s) and damping rate (1/s) of the mechanics at rest.
+
+    Found by differentiating the balances, so that effects need not be known here: what pulls the moving mass back, and
+    every oscillation that effects bring with states of their own. Taken at the ends of the recorded travel and
+    pressures, the effects' states at and beside their initial values.
+    """
+    s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
+    still = np.array(theta, dtype=float)
+    still[plant.theta_names.index("smooth_speed")] = 1e-12  # at rest a rounded |v| would count as sliding
+    at = plant.evaluate(s, w, still)
+    count = plant.explicit_count
+    rates = [*at.explicit, *(source - decay * s[count + i] for i, (source, decay) in enumerate(at.relaxing))]
+    mechanical = [i for i, name in enumerate(plant.states) if name not in ("p1", "p2")]
+    v = mechanical.index(plant.states.index("v"))
+    moving = ca.vertcat(*(rates[i] for i in mechanical))
+    function = ca.Function("mechanics", [s, w], [ca.densify(ca.jacobian(moving, s[mechanical]))])
+    value = dict(zip(plant.theta_names, theta, strict=True))
+    given = {"u": value["null"], "psup": value["p1_high"] + value["patm"]}
+    natural, damped = 0.0, 0.0
+    for place, p1, p2, aside in product(("low", "high"), ("low", "high"), ("low", "high"), (-3.0, 0.0, 3.0)):
+        known = {"x": value[f"x_{place}"], "p1": value[f"p1_{p1}"], "p2": value[f"p2_{p2}"]}
+        known |= {own.name: own.initial + aside * own.scale for own in plant.effect_states}
+        A = np.asarray(
+            function([known.get(name, 0.0) for name in plant.states], [given[name] for name in plant.inputs])
+        )
+        eigenvalues = np.linalg.eigvals(A)
+        ringing = np.abs(eigenvalues[np.abs(eigenvalues.imag) > 0.1 * np.abs(eigenvalues)])
+        # where damping outweighs the stiffness nothing rings, but the step feels the stiffness all the same
+        held = max(-float(A[v] @ A[:, v] - A[v, v] ** 2), 0.0)
+        natural = max(natural, float(np.sqrt(held)), *ringing.tolist())
+        damped = max(damped, -float(A[v, v]))
+    return natural, damped
+
+
+def _moving_mass(plant: Plant, theta: np.ndarray) -> float:
+    """Moving mass in kg, effects included; it does not depend on the state."""
+    s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
+    return float(ca.Function("moving_mass", [s, w], [plant.evaluate(s, w, theta).mass])(0, 0))
 
 
 def stable_upper_bounds(plant: Plant, theta: np.ndarray, interval: float, substeps: int) -> dict[str, float]:
     """Largest ``sigma0`` (N/m) and ``sigma1`` (N s/m) that this step can carry; empty where the motion is imposed."""
     if not plant.servo or plant.law.static:
         return {}
-    value = dict(zip(plant.theta_names, theta, strict=True))
-    mass, h = value.get("mass", value["mass_run"]), interval / substeps
+    mass, h = _moving_mass(plant, theta), interval / substeps
     bounds = {"sigma0": mass * (1.25 * BRISTLE_LIMIT / h) ** 2, "sigma1": 1.2 * DAMPING_LIMIT * mass / h}
     return {name: bound for name, bound in bounds.items() if name in plant.law.fitted}
 

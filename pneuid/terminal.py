@@ -19,6 +19,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from pneuid.errors import ComputationError, UserError
+from pneuid.plausibility import check_recordings
+from pneuid.recording import Recording
+from pneuid.rig import Rig
 
 DEMO_ROOT = "pneuid-demo"
 
@@ -80,6 +83,10 @@ class Progress:
         """Say what comes next. Raises ``KeyboardInterrupt`` after a ctrl-C."""
         _go_on()
         self._doing = words
+        self.say(words)
+
+    def say(self, words: str) -> None:
+        """Print a sentence, after a ctrl-C too."""
         self.console.print(f"[dim]{time.monotonic() - self._began:6.1f} s[/dim]  {escape(words)}", soft_wrap=True)
 
     def monitor(self, stage: str, iteration: int, cost: float) -> None:
@@ -88,6 +95,13 @@ class Progress:
         if self.console.is_terminal:
             status = f"{self._doing}: {stage} stage, iteration {iteration}, cost per sample {cost:.4g}"
             self._status.update(escape(status))
+
+
+def warn(rig: Rig, recordings: Sequence[Recording]) -> None:
+    """Say on stderr what the sanity checks suspect of the recordings, a line each; nothing is changed."""
+    console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+    for finding in check_recordings(rig, recordings):
+        console.print(f"warning: {finding.line}")
 
 
 def run_command(main: Callable[[Sequence[str] | None], None], arguments: Sequence[str] | None = None) -> None:
@@ -99,7 +113,8 @@ def run_command(main: Callable[[Sequence[str] | None], None], arguments: Sequenc
     try:
         main(arguments)
     except UserError as error:
-        console.print(f"error: {error}")
+        # a file name may hold line ends; the message stays one line
+        console.print(f"error: {' '.join(str(error).splitlines())}")
         sys.exit(2)
     except ComputationError as error:
         console.print(f"failed: {error}")

@@ -21,6 +21,7 @@ ROOMS: tuple[tuple[str, ...], ...] = (
     ("signals", "units"),
     ("formats", "rig", "recording"),
     ("physics",),
+    ("plausibility",),
     ("effect", "effects"),
     ("plant",),
     ("step", "compiled", "interval"),
@@ -52,7 +53,7 @@ FILE_METHODS = {
 }  # fmt: skip
 FILE_CALLS = {"np.load", "np.save", "numpy.load", "numpy.save", "json.load", "json.dump", "Path.open", "io.open"}
 TERMINAL_MODULES = {"argparse", "matplotlib", "rich"}
-FIGURE_MODULES = ("pneuid.report", "controllers.figures")
+FIGURE_MODULES = ("pneuid.report", "controllers.figures", "controllers.export.figures")
 
 
 # --- reading the source ---

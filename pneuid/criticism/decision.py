@@ -115,9 +115,13 @@ def refit(
 ) -> Fit:
     """Fit the base model's effects plus ``effects``, warm from the base's values; ``start`` for the new parameters."""
     position = {name: i for i, name in enumerate(order)}
-    every = sorted([*base.plant.effects, *effects], key=lambda effect: position.get(effect.name, len(position)))
-    plant = Plant(base.plant.rig, base.plant.law.name, every)
-    values = {**base.values, **{name: value for name, value in start.items() if name in plant.parameter_names}}
+    law, values = base.plant.law.name, {**base.values, **start}
+    for step in (effect for effect in effects if effect.richer_law):
+        law, values = str(step.richer_law), values | step.law_start(base.values, start, base.plant.rig)
+    standing = [*base.plant.effects, *(effect for effect in effects if not effect.richer_law)]
+    every = sorted(standing, key=lambda effect: position.get(effect.name, len(position)))
+    plant = Plant(base.plant.rig, law, every)
+    values = {name: value for name, value in values.items() if name in plant.parameter_names}
     recordings = [run.recording for run in base.runs]
     return fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs)
 
@@ -296,6 +300,8 @@ def _backward(
 ) -> tuple[list[str], Trial]:
     """Try to drop each accepted effect but the last; keep the smaller model where the held-out error hardly rises."""
     for name in list(accepted[:-1]):
+        if name not in {effect.name for effect in current.fit.plant.effects}:
+            continue  # a richer friction law took the simple one's place; without it the model is another
         smaller = judge.trial(without(current.fit, name, monitor))
         rise = smaller.error - current.error
         if rise < max(3 * judge.spread, 0.02 * (first.error - 1.0)):

@@ -45,7 +45,8 @@ class Frozen:
 
     def theta(self, run: Run) -> np.ndarray:
         """The theta column of one run."""
-        return self.plant.theta(self.values, self.ranges, run.mass)
+        mass, shift = run.own.constants(self.values)
+        return self.plant.theta(self.values, self.ranges, mass, supply_shift=shift)
 
 
 @dataclass(frozen=True)

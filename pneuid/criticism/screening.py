@@ -43,7 +43,13 @@ def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list
 
     ``order`` is the catalogue's order of effect names, which is the order of maps at a shared port.
     """
-    chosen = [effect for effect in candidates if fit.plant.rig.kind in effect.rigs and effect not in fit.plant.effects]
+    chosen = [
+        effect
+        for effect in candidates
+        if fit.plant.rig.kind in effect.rigs
+        and fit.plant.law.name in effect.laws
+        and effect not in fit.plant.effects
+    ]
     if not chosen:
         return []
     position = {name: i for i, name in enumerate(order)}
@@ -92,7 +98,7 @@ def _extended(fit: Fit, plant: Plant, chosen: Sequence[Effect]) -> tuple[Shootin
                 values[name] = off
                 amplitudes.append(name)
     free = [*old.free, *amplitudes]
-    problem = Shooting(plant, fit.runs, free, values, fit.ranges, fit.substeps, old.samples)
+    problem = Shooting(plant, fit.runs, free, values, fit.ranges, old.substeps, old.samples)
     problem.set_smoothing(COARSE)
     problem.relaxation = old.relaxation
     _, nodes = old.split(fit.relaxed.X)
@@ -106,23 +112,19 @@ def _extended(fit: Fit, plant: Plant, chosen: Sequence[Effect]) -> tuple[Shootin
 
 
 def _roll_out(problem: Shooting, q: np.ndarray, nodes: np.ndarray, fresh: Sequence[int]) -> None:
-    """Fill the candidates' own states in place: relaxations along the fitted trajectory, affine in themselves."""
+    """Fill the candidates' own states in place, interval after interval along the fitted trajectory."""
     if not fresh:
         return
-    rows = list(fresh)
-    scale = problem.state_scale[rows][:, None]
-    nodes[rows] = 0.0
-    zero, _ = problem.evaluate_values(problem.join(q, nodes))
-    nodes[rows] = scale
-    one, _ = problem.evaluate_values(problem.join(q, nodes))
-    slope = (one[rows] - zero[rows]) / scale
+    rows, K = list(fresh), problem.samples
+    theta = problem.theta(q)
     initial = {state.name: state.initial for state in problem.plant.effect_states}
     start = np.array([initial[problem.plant.states[i]] for i in rows])
     for first, last in zip(problem.first[:-1], problem.first[1:], strict=True):
-        s = start.copy()
+        s = start
         for i in range(first, last):
             nodes[rows, i] = s
-            s = slope[:, i] * s + zero[rows, i]
+            end, _ = problem.function.values(nodes[:, i], problem.data[:, i * K : (i + 1) * K], theta[:, i])
+            s = np.asarray(end).ravel()[rows]
 
 
 def _projected(

@@ -3,30 +3,104 @@
 from __future__ import annotations
 
 from pneuid.effect import Effect
+from pneuid.effects._laws import LawDahl, LawLugre, LawStribeck
+from pneuid.effects.backlash import Backlash
+from pneuid.effects.channel_skew import ChannelSkew
+from pneuid.effects.dead_volume import DeadVolume
+from pneuid.effects.end_cushion import EndCushion
+from pneuid.effects.exhaust_restriction import ExhaustRestriction
 from pneuid.effects.friction_direction import FrictionDirection
+from pneuid.effects.friction_dwell import FrictionDwell
+from pneuid.effects.friction_lag import FrictionLag
 from pneuid.effects.friction_position import FrictionPosition
+from pneuid.effects.friction_presliding_memory import FrictionPreslidingMemory
 from pneuid.effects.friction_pressure import FrictionPressure
+from pneuid.effects.friction_viscous_nonlinear import FrictionViscousNonlinear
+from pneuid.effects.friction_warmup import FrictionWarmup
 from pneuid.effects.gravity import Gravity
+from pneuid.effects.heat_transfer import HeatTransfer
+from pneuid.effects.leakage_external_1 import LeakageExternal1
+from pneuid.effects.leakage_external_2 import LeakageExternal2
 from pneuid.effects.leakage_internal import LeakageInternal
+from pneuid.effects.line_delay import LineDelay
 from pneuid.effects.load_mass import LoadMass
+from pneuid.effects.load_spring import LoadSpring
+from pneuid.effects.mounting_compliance import MountingCompliance
+from pneuid.effects.sensor_lag_f import SensorLagF
+from pneuid.effects.sensor_lag_p1 import SensorLagP1
+from pneuid.effects.sensor_lag_p2 import SensorLagP2
+from pneuid.effects.sensor_offset_f import SensorOffsetF
+from pneuid.effects.sensor_offset_p1 import SensorOffsetP1
+from pneuid.effects.sensor_offset_p2 import SensorOffsetP2
 from pneuid.effects.supply_droop import SupplyDroop
+from pneuid.effects.valve_asymmetry import ValveAsymmetry
+from pneuid.effects.valve_critical_ratio import ValveCriticalRatio
 from pneuid.effects.valve_dead_zone import ValveDeadZone
+from pneuid.effects.valve_hysteresis import ValveHysteresis
+from pneuid.effects.valve_lag import ValveLag
+from pneuid.effects.valve_null_leakage import ValveNullLeakage
+from pneuid.effects.valve_offset import ValveOffset
 from pneuid.errors import UserError
 from pneuid.formats.rig_toml import nearest
 
 _ORDER = (
     LoadMass(),
+    ValveLag(),
+    ValveHysteresis(),
+    ValveOffset(),
     ValveDeadZone(),
+    ValveAsymmetry(),
+    ValveNullLeakage(),
+    ExhaustRestriction(),
+    ValveCriticalRatio(),
     SupplyDroop(),
+    LineDelay(),
+    EndCushion(),
     LeakageInternal(),
+    LeakageExternal1(),
+    LeakageExternal2(),
+    DeadVolume(),
+    HeatTransfer(),
     FrictionPressure(),
     FrictionDirection(),
     FrictionPosition(),
+    FrictionDwell(),
+    FrictionViscousNonlinear(),
+    FrictionWarmup(),
+    FrictionLag(),
+    FrictionPreslidingMemory(),
     Gravity(),
+    LoadSpring(),
+    Backlash(),
+    MountingCompliance(),
+    SensorLagP1(),
+    SensorLagP2(),
+    SensorLagF(),
+    ChannelSkew(),
+    SensorOffsetP1(),
+    SensorOffsetP2(),
+    SensorOffsetF(),
 )
 
 CATALOGUE: dict[str, Effect] = {effect.name: effect for effect in _ORDER}
 """Every effect by name, in port order."""
+
+LAW_STEPS: dict[str, Effect] = {step.name: step for step in (LawStribeck(), LawDahl(), LawLugre())}
+"""Steps to a richer friction law by name; added, they change the plant's law instead of standing in it."""
+
+
+GROUPS = ("friction", "mechanics", "pneumatics", "valve", "sensor")
+"""Groups of the catalogue, by what part of the drive they belong to."""
+
+
+def group_of(effect: Effect) -> str:
+    """The group of an effect: by its name where that says it, else by the equation it enters."""
+    kind = effect.name.split("_")[0].split(":")[0]
+    if kind in ("friction", "valve", "sensor"):
+        return kind
+    if effect.equation.startswith("sensor"):
+        return "sensor"
+    return {"friction": "friction", "force": "mechanics"}.get(effect.equation, "pneumatics")
 
 
 def effects_by_name(names: tuple[str, ...] | list[str]) -> tuple[Effect, ...]:

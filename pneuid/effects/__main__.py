@@ -1,4 +1,4 @@
-"""``python -m pneuid.effects``: the catalogue, or one effect in full."""
+"""``python -m pneuid.effects``: the catalogue, or one effect in full, with a picture of its signature."""
 
 from __future__ import annotations
 
@@ -6,53 +6,94 @@ import inspect
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
+from pneuid.criticism.signature import signature
 from pneuid.effect import Effect
-from pneuid.effects import CATALOGUE, effects_by_name
+from pneuid.effects import CATALOGUE, GROUPS, effects_by_name, group_of
+from pneuid.errors import UserError
 from pneuid.physics.friction import LAWS
-from pneuid.story import demo_runs
-from pneuid.terminal import CommandParser, run_command
+from pneuid.report.signature_figure import signature_figure
+from pneuid.report.style import png
+from pneuid.resources import scenario_path
+from pneuid.rig import Rig
+from pneuid.terminal import CommandParser, add_output_options, result_folder, run_command
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command. Raises ``UserError`` for a name that is not in the catalogue."""
+    """Run the command. Raises ``UserError`` for a name that is not in the catalogue, or a folder that may not be used."""
     parser = CommandParser(
         "python -m pneuid.effects", "List the catalogue of physical effects, or one in full.",
-        "example:\n  python -m pneuid.effects leakage_internal",
+        "example:\n  python -m pneuid.effects leakage_internal --out results/leak",
     )  # fmt: skip
     parser.add_argument("name", nargs="?", metavar="NAME", help="one effect")
+    add_output_options(parser)
     given = parser.parse_args(arguments)
     console = Console(highlight=False)
-    if given.name:
-        _show(console, effects_by_name((given.name,))[0])
-    else:
+    if not given.name:
+        if given.out:
+            raise UserError("--out is for the picture of one effect; name the effect too")
         _list(console)
+        return
+    effect = effects_by_name((given.name,))[0]
+    rig = demonstration_rig(effect)
+    if given.out:
+        path = result_folder(given.out, "effects", embedded=False, overwrite=given.overwrite) / f"{effect.name}.png"
+        path.write_bytes(png(signature_figure(signature(effect, rig), rig.patm)))
+    _show(console, effect, rig)
+    if given.out:
+        console.print(f"picture: {path}", markup=False, soft_wrap=True)
+    else:
+        console.print(f"next: python -m pneuid.effects {effect.name} --out results/{effect.name}", soft_wrap=True)
+
+
+def demonstration_rig(effect: Effect) -> Rig:
+    """The rig of the demonstration, or the same cylinder on a bench for an effect that shows on a bench alone."""
+    servo = Rig.from_toml(scenario_path("demo/rig.toml"))
+    if "servo" in effect.rigs:
+        return servo
+    raw = servo.to_dict()
+    kept = {name: raw[name] for name in ("friction", "conventions", "load")}
+    cylinder = {name: raw["cylinder"][name] for name in ("bore", "rod", "stroke")}
+    return Rig.from_dict({**kept, "kind": "bench", "cylinder": cylinder, "sensors": {"x": "0.3 um", "F": "0.2 N"}})
 
 
 def _list(console: Console) -> None:
-    table = Table("effect", "equation", "mechanism", "revealed by")
-    for effect in CATALOGUE.values():
-        table.add_row(effect.name, effect.equation, effect.mechanism, effect.experiment)
-    console.print(table)
+    for group in GROUPS:
+        members = [effect for effect in CATALOGUE.values() if group_of(effect) == group]
+        name = Column("effect", no_wrap=True)
+        table = Table(name, "equation", "mechanism", "parameters", title=group, title_justify="left", expand=True)
+        for effect in members:
+            law = LAWS[effect.laws[0]]
+            symbols = ", ".join(item.symbol for item in effect.parameters(demonstration_rig(effect), law))
+            table.add_row(effect.name, effect.equation, effect.mechanism, symbols)
+        console.print(table)
     console.print(f"next: python -m pneuid.effects {next(iter(CATALOGUE))}")
 
 
-def _show(console: Console, effect: Effect) -> None:
+def _show(console: Console, effect: Effect, rig: Rig) -> None:
     console.print(f"[bold]{effect.name}[/bold] (equation {effect.equation}, {' and '.join(effect.rigs)} rigs)")
     console.print(effect.mechanism)
     console.print(inspect.cleandoc(effect.__doc__ or ""), markup=False)
-    table = Table("parameter", "unit", "lower", "upper", "off", "typical size", title="on the demonstration rig")
-    for item in effect.parameters(demo_runs().rig, LAWS["lugre"]):
+    console.print(f"enters at: {', '.join(effect.ports)}")
+    declared = effect.parameters(rig, LAWS[effect.laws[0]])
+    table = Table(
+        "parameter", "unit", "lower", "upper", "off", "typical size", title=f"on a {rig.kind} rig, bore 32 mm"
+    )
+    for item in declared:
         off = "shape" if item.off is None else f"{item.off:.4g}"
-        table.add_row(item.name, item.unit, f"{item.lower:.3g}", f"{item.upper:.3g}", off, f"{item.scale:.3g}")
+        typical = item.start if item.off is None else item.scale
+        table.add_row(item.name, item.unit, f"{item.lower:.3g}", f"{item.upper:.3g}", off, f"{typical:.3g}")
     console.print(table)
-    for item in effect.parameters(demo_runs().rig, LAWS["lugre"]):
+    for item in declared:
         if item.source != effect.reference:
             console.print(f"{item.name} after {item.source}", markup=False)
+    for state in effect.states:
+        console.print(f"state {state.name} ({state.unit})", markup=False)
     console.print(f"revealed by: {effect.experiment}")
     console.print(f"easily confused with: {', '.join(effect.confused_with) or 'none'}")
-    console.print(f"source: {effect.reference}")
+    console.print(f"guarantees: {', '.join(effect.guarantees) or 'none'}")
+    console.print(f"source: {effect.reference}", markup=False)
 
 
 if __name__ == "__main__":

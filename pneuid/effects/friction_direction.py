@@ -21,6 +21,7 @@ class FrictionDirection(Effect):
     reference = _SOURCE
     experiment = "strokes at several speeds in both directions"
     confused_with = ("gravity", "sensor_offset_p1", "sensor_offset_p2")
+    guarantees = ("dissipative",)
 
     _targets = {"Fc": "Fc_d", "Fs": "Fs_d", "sigma2": "sigma2_d"}
 

@@ -25,6 +25,7 @@ class FrictionPosition(Effect):
     equation = "friction"
     reference = _SOURCE
     experiment = "slow strokes over the whole travel in both directions"
+    guarantees = ("dissipative",)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """Cosine amplitudes, relative to the mean friction; the prior fades with the square of the wave number."""

@@ -28,6 +28,7 @@ class FrictionPressure(Effect):
     reference = _SOURCE
     experiment = "runs at several supply pressures, with strokes in both directions"
     confused_with = ("friction_direction",)
+    guarantees = ("dissipative",)
 
     _laws = {"Fc": ("k1", "k2"), "Fs": ("k3", "k4"), "vs": ("k5", "k6"), "sigma2": ("k7", "k8")}
     _units = {"Fc": "N/Pa", "Fs": "N/Pa", "vs": "m/(s*Pa)", "sigma2": "N*s/(m*Pa)"}

@@ -23,7 +23,7 @@ class LoadMass(Effect):
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """The moving mass, off at the rig's own value."""
         m = rig.mass
-        return (Parameter("mass", "m", "kg", 1e-2 * m, 1e2 * m, m, 0.3 * m, _SOURCE, positive=True, off=m),)
+        return (Parameter("mass", "m", "kg", 1e-2 * m, 1e2 * m, m, 0.3, _SOURCE, positive=True, off=m),)
 
     def mass(self, m: Expression, scope: Scope) -> Expression:
         """Shift the mass of every run by the difference to the nominal one."""

@@ -27,7 +27,7 @@ class SupplyDroop(Effect):
         """Relative drop at full flow and the time constant of the supply's volume."""
         return (
             Parameter("r_supply", "r_s", "1", 0.0, 5.0, 0.0, 0.1, _SOURCE, off=0.0),
-            Parameter("tau_supply", "tau_s", "s", 2e-3, 2.0, 0.05, 0.05, _SOURCE, positive=True, prior=1.5),
+            Parameter("tau_supply", "tau_s", "s", 2e-3, 2.0, 0.05, 1.0, _SOURCE, positive=True, prior=1.5),
         )
 
     def supply(self, psup: Expression, scope: Scope) -> Expression:

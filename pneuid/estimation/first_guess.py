@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from pneuid.estimation.differentiate import Motion
+from pneuid.estimation.own import declared
 from pneuid.estimation.preparation import Run
 from pneuid.physics import motion as mechanics
 from pneuid.physics.gas import R_AIR, RHO_REFERENCE, T_REFERENCE
@@ -70,7 +71,7 @@ def _chambers(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion]) -> dic
 def resisting_force(plant: Plant, run: Run, motion: Motion) -> np.ndarray:
     """Force (N,) in N that the balance leaves to friction and to what the model lacks."""
     rig = plant.rig
-    mass = rig.mass if run.mass is None else run.mass
+    mass = run.own.mass
     signals = run.recording.signals
     still = np.full(run.n, rig.patm)
     p1, p2 = signals.get("p1", still), signals.get("p2", still)
@@ -102,11 +103,13 @@ def _mechanics(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion]) -> di
 
 
 def first_guess(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion]) -> dict[str, float]:
-    """Start values (SI) of all parameters of ``plant``: the base from the data, the effects from their declarations."""
+    """Start values (SI) of all parameters: the base from the data, effects and single runs from their declarations."""
     found = plant.starts() | _mechanics(plant, runs, moved)
     if plant.servo:
         found |= _chambers(plant, runs, moved)
-    for parameter in plant.parameters:
+    every = declared(plant, [run.own for run in runs])
+    found |= {parameter.name: parameter.start for parameter in every if parameter.name not in found}
+    for parameter in every:
         inside = np.clip(found[parameter.name], parameter.lower, parameter.upper)
         found[parameter.name] = float(inside)
     return found
@@ -142,7 +145,7 @@ def _effect_states(plant: Plant, run: Run, motion: Motion, values: dict) -> dict
     rates = ca.Function("rates", [s, w, theta], [ca.vertcat(*(item[0] for item in relaxing)),
                                                  ca.vertcat(*(item[1] for item in relaxing))])  # fmt: skip
     given = np.vstack([run.input(name) for name in plant.inputs])
-    column = plant.theta(values, _no_ranges() | {"p1_high": 1e9, "p2_high": 1e9}, run.mass)
+    column = plant.theta(values, _no_ranges() | {"p1_high": 1e9, "p2_high": 1e9}, run.own.mass)
     known = {"x": motion.x, "v": motion.v, "z": np.zeros(run.n)}
     known |= {name: _averaged(run.measured(name)) for name in ("p1", "p2") if name in plant.outputs}
     found = {state.name: np.full(run.n, state.initial) for state in plant.effect_states}

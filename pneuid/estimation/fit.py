@@ -10,25 +10,19 @@ import numpy as np
 
 from pneuid.errors import UserError
 from pneuid.estimation.first_guess import first_guess, first_nodes, motions
+from pneuid.estimation.own import declared
 from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
-from pneuid.estimation.shooting import LOOSE, NODE_EVERY, TIGHT, Shooting
-from pneuid.estimation.solver import Monitor, Outcome, solve_exact, solve_relaxed
-from pneuid.estimation.uncertainty import Uncertainty, uncertainty, verdicts
-from pneuid.physics.smoothing import COARSE, FINE
+from pneuid.estimation.shooting import NODE_EVERY, TIGHT, Shooting
+from pneuid.estimation.solver import INTERRUPTED, Monitor, Outcome
+from pneuid.estimation.stages import DEFECT_GATE, Exact, Relaxed, exact_stage, relaxed_stage
+from pneuid.estimation.uncertainty import Uncertainty, verdicts
+from pneuid.physics.smoothing import COARSE
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.step import LARGEST_SUBSTEPS, substeps_needed
 
 NODE_SECONDS = 0.02
 """Length of an interval between nodes, s, where the sample rate allows."""
-
-TIGHTEN_BELOW = 0.15
-"""Mean square of the loose defects, in their own spread, below which the tight relaxed problem is worth solving."""
-
-DEFECT_GATE = 0.6
-"""Mean square of the relaxed defects, in their own spread, above which the exact stage is not tried: the model is too
-wrong for it. A right model leaves about 0.15, a missing effect of twice the noise more than 1."""
-
 
 MISFIT = 1.2
 """Mean squared weighted residual above which standard errors are widened by its root, and the status says so."""
@@ -93,18 +87,20 @@ def _substeps(plant: Plant, values: Mapping[str, float], ranges: Mapping[str, fl
 
 
 def _check_runs(plant: Plant, recordings: Sequence[Recording]) -> None:
-    for run in recordings:
-        if plant.rig.run(run.name).free:
-            raise UserError(
-                f'{plant.rig.where}: runs."{run.name}".free: fitting a quantity for one run alone is not available yet; '
-                "remove the line"
-            )
     samples, unknown = sum(run.n for run in recordings), len(plant.parameters)
     if samples < 3 * unknown:
         names = ", ".join(run.name for run in recordings)
         raise UserError(
             f"{names}: {samples} samples are fewer than {unknown} parameters need; record at least {3 * unknown}"
         )
+
+
+class Interrupted(KeyboardInterrupt):
+    """A fit that was stopped: ``best`` is what it had reached, labelled so."""
+
+    def __init__(self, best: Fit) -> None:
+        super().__init__(best.status)
+        self.best = best
 
 
 def fit(
@@ -120,105 +116,85 @@ def fit(
 
     start : values (SI) that replace the first guess; noise : 1-sigma per signal (SI), else from rig and data; exact :
     whether to go on to hard continuity where the relaxed fit allows it. Raises ``UserError`` for data that cannot
-    identify the model.
+    identify the model, ``Interrupted`` with the best so far after a ctrl-C.
     """
     began = time.monotonic()
     _check_runs(plant, recordings)
     levels = dict(noise) if noise is not None else noise_of(plant.rig, recordings)
     runs = tuple(prepared) if prepared is not None else tuple(prepare(run, plant, levels) for run in recordings)
+    problem, soft = _relaxed_fit(plant, recordings, runs, start or {}, monitor)
+    interrupted = soft.outcome.status == INTERRUPTED
+    hard = None
+    if exact and not interrupted and problem.relaxation == TIGHT and soft.level < DEFECT_GATE:
+        try:
+            hard = exact_stage(problem, soft.outcome, monitor)
+        except KeyboardInterrupt:
+            interrupted = True
+    found = _result(problem, levels, soft, hard, time.monotonic() - began)
+    if interrupted:
+        raise Interrupted(replace(found, converged=False, status=f"interrupted, best so far; {found.status}"))
+    return found
+
+
+def _relaxed_fit(
+    plant: Plant,
+    recordings: Sequence[Recording],
+    runs: tuple[Run, ...],
+    start: Mapping[str, float],
+    monitor: Monitor | None,
+) -> tuple[Shooting, Relaxed]:
+    """The relaxed problem and its solution, with as many substeps as the parameters found need."""
     ranges = data_ranges(recordings, plant)
     moved = motions(runs)
-    guess = first_guess(plant, runs, moved) | dict(start or {})
+    guess = first_guess(plant, runs, moved) | dict(start)
     # the slowest run decides the step, so that no run is integrated too coarsely
     dt = max(float(np.median(run.data[0])) for run in runs)
     every = node_every(float(np.median(np.concatenate([run.data[0] for run in runs]))))
     nodes = first_nodes(plant, runs, moved, guess, every)
-    free = plant.parameter_names
+    free = [parameter.name for parameter in declared(plant, [run.own for run in runs])]
+    values, substeps = guess, _substeps(plant, guess, ranges, dt)
+    while True:
+        problem = Shooting(plant, runs, free, values, ranges, substeps, every)
+        problem.set_smoothing(COARSE)
+        soft = relaxed_stage(problem, problem.join(_inside(problem, values), nodes), monitor)
+        values, nodes = _values(problem, soft.outcome.X), problem.split(soft.outcome.X)[1]
+        needed = _substeps(plant, values, ranges, dt)
+        if needed <= substeps or soft.outcome.status == INTERRUPTED:
+            return problem, soft
+        substeps = needed
 
-    def problem_at(values: Mapping[str, float], substeps: int) -> Shooting:
-        made = Shooting(plant, runs, free, values, ranges, substeps, every)
-        made.set_smoothing(COARSE)
-        return made
 
-    substeps = _substeps(plant, guess, ranges, dt)
-    problem = problem_at(guess, substeps)
-    X0 = problem.join(_inside(problem, guess), nodes)
-    soft, level, loose = _relaxed_stage(problem, X0, monitor)
-    values = dict(zip(free, problem.scaling.to_values(soft.X[: problem.nq]), strict=True))
-    again = _substeps(plant, values, ranges, dt)
-    if again > substeps:
-        substeps = again
-        problem = problem_at(values, substeps)
-        soft, level, loose = _relaxed_stage(
-            problem, problem.join(_inside(problem, values), problem.split(soft.X)[1]), monitor
-        )
-        values = dict(zip(free, problem.scaling.to_values(soft.X[: problem.nq]), strict=True))
-    tight = problem.relaxation == TIGHT
-    hard = _exact_stage(problem, soft, monitor) if exact and tight and level < DEFECT_GATE else None
+def _result(problem: Shooting, noise: dict[str, float], soft: Relaxed, hard: Exact | None, seconds: float) -> Fit:
+    """What the stages found, in one."""
+    final = hard.outcome if hard else soft.outcome
+    solved = hard.problem if hard else problem
+    misfit = 2 * final.cost / max(problem.weighted, 1)
     spread, words = None, {}
     if hard is not None:
-        problem.set_smoothing(FINE)
-        spread = uncertainty(problem, hard.X)
-        misfit = 2 * hard.cost / max(problem.weighted, 1)
+        spread = hard.spread
         if misfit > MISFIT:
             # the sensors' noise does not explain the residual: what does is unknown, its size is not
             spread = replace(spread, std=spread.std * np.sqrt(misfit))
-        words = dict(zip(free, verdicts(problem, hard.X, spread), strict=True))
-        values = dict(zip(free, problem.scaling.to_values(hard.X[: problem.nq]), strict=True))
-        problem.set_smoothing(COARSE)
-    final = hard or soft
-    misfit = 2 * final.cost / max(problem.weighted, 1)
+        words = dict(zip(problem.free, verdicts(hard.problem, final.X, spread), strict=True))
     return Fit(
-        plant=plant, runs=runs, values={name: float(value) for name, value in values.items()}, ranges=ranges,
-        noise=levels, substeps=substeps, stage="exact" if hard else "relaxed", converged=final.success,
-        status=_words(hard, level, problem.relaxation, misfit), cost_per_sample=misfit, defect_level=level,
-        iterations=soft.iterations + (hard.iterations if hard else 0), seconds=time.monotonic() - began, relaxed=soft,
-        loose_cost=loose, problem=problem, exact=hard, spread=spread, verdicts=words,
-        notes=tuple(note for run in runs for note in run.notes),
+        plant=problem.plant, runs=problem.runs, values=_values(solved, final.X), ranges=problem.ranges,
+        noise=noise, substeps=solved.substeps, stage="exact" if hard else "relaxed", converged=final.success,
+        status=_words(final if hard else None, soft.level, problem.relaxation, misfit), cost_per_sample=misfit,
+        defect_level=soft.level, iterations=soft.outcome.iterations + (final.iterations if hard else 0), seconds=seconds,
+        relaxed=soft.outcome, loose_cost=soft.loose_cost, problem=problem, exact=final if hard else None,
+        spread=spread, verdicts=words, notes=tuple(note for run in problem.runs for note in run.notes),
     )  # fmt: skip
+
+
+def _values(problem: Shooting, X: np.ndarray) -> dict[str, float]:
+    """Parameters at ``X``, SI."""
+    found = problem.scaling.to_values(X[: problem.nq])
+    return {name: float(value) for name, value in zip(problem.free, found, strict=True)}
 
 
 def _inside(problem: Shooting, values: Mapping[str, float]) -> np.ndarray:
     q = problem.scaling.to_q(np.array([values[name] for name in problem.free]))
     return np.clip(q, problem.scaling.lower, problem.scaling.upper)
-
-
-def _relaxed_stage(problem: Shooting, X0: np.ndarray, monitor: Monitor | None) -> tuple[Outcome, float, float]:
-    """Loose defects first; tight ones where the model is near enough. Also the mean square of the defects."""
-    links = max(problem.linked.size * problem.ns, 1)
-    problem.relaxation = LOOSE
-    soft = solve_relaxed(problem, X0, monitor)
-    level, loose = 2 * soft.penalty / links, soft.cost + soft.penalty
-    if level < TIGHTEN_BELOW:
-        problem.relaxation = TIGHT
-        soft = solve_relaxed(problem, soft.X, monitor)
-        level = 2 * soft.penalty / links
-    return soft, level, loose
-
-
-def _exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Outcome | None:
-    """The exact fit, or None where it does not converge to a solution of about the relaxed cost."""
-    problem.set_smoothing(FINE)
-    try:
-        # where a break-away makes the step from the relaxed nodes too long, a continuous start often is near enough
-        for start in (soft.X, _continuous(problem, soft.X)):
-            hard = solve_exact(problem, start, monitor)
-            if hard.success and np.isfinite(hard.cost) and hard.cost < 2.0 * (soft.cost + soft.penalty):
-                return hard
-    finally:
-        problem.set_smoothing(COARSE)
-    return None
-
-
-def _continuous(problem: Shooting, X: np.ndarray) -> np.ndarray:
-    """The nodes of a simulation of every run from its first node, parameters as in ``X``."""
-    q, nodes = problem.split(X)
-    theta = problem.theta(q)
-    for first, last in zip(problem.first[:-1], problem.first[1:], strict=True):
-        for i in range(first, last - 1):
-            data = problem.data[:, i * problem.samples : (i + 1) * problem.samples]
-            nodes[:, i + 1] = np.asarray(problem.function.values(nodes[:, i], data, theta[:, i])[0]).ravel()
-    return problem.join(q, nodes)
 
 
 def _words(hard: Outcome | None, level: float, relaxation: float, misfit: float) -> str:

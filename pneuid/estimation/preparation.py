@@ -9,6 +9,8 @@ import numpy as np
 
 from pneuid.estimation.differentiate import Motion, spline_motion
 from pneuid.estimation.noise import sensor_noise
+from pneuid.estimation.own import Own, own_of
+from pneuid.estimation.robust import HUBER, pseudo_values
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.rig import Rig
@@ -22,14 +24,14 @@ class Run:
     """One recording made ready.
 
     data : ``(rows, N)`` with rows dt, inputs, input slopes, measured outputs, weights (1/sigma, 0 where masked);
-    mass : the run's own moving mass (kg) or None; notes : what was masked and how inputs were made; motion : smoothed
+    own : what the run has for itself; notes : what was masked and how inputs were made; motion : smoothed
     position, speed and acceleration, one derivative for all users.
     """
 
     name: str
     t: np.ndarray
     data: np.ndarray
-    mass: float | None
+    own: Own
     notes: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
@@ -79,11 +81,10 @@ def noise_of(rig: Rig, recordings: Sequence[Recording]) -> dict[str, float]:
 
 def prepare(recording: Recording, plant: Plant, noise: dict[str, float]) -> Run:
     """The run's columns for ``plant`` (SI, absolute pressures); ``noise`` as from ``noise_of``."""
-    t, signals = recording.t, recording.signals
-    dt = np.diff(t, append=2 * t[-1] - t[-2])
-    notes: list[str] = []
+    t, dt = recording.t, np.diff(recording.t, append=2 * recording.t[-1] - recording.t[-2])
+    signals, notes = _without_outliers(recording, noise)
     motion = spline_motion(t, signals["x"], noise["x"])
-    given = _servo_inputs(recording, plant) if plant.servo else _bench_inputs(recording, plant, motion)
+    given = _servo_inputs(recording, plant) if plant.servo else _bench_inputs(recording, signals, plant, motion)
     if not plant.servo:
         notes.append(
             f"{recording.name}: speed and acceleration from a smoothing spline of x, "
@@ -102,8 +103,8 @@ def prepare(recording: Recording, plant: Plant, noise: dict[str, float]) -> Run:
             weights[:, near] = 0.0
             notes.append(f"{recording.name}: {int(near.sum())} samples within 1 mm of an end stop are masked")
     data = np.vstack([dt, w, slopes, y, weights])
-    mass = plant.rig.run(recording.name).mass
-    return Run(recording.name, t, data, mass, tuple(notes), plant.inputs, plant.outputs, recording, motion)
+    own = own_of(plant.rig, recording)
+    return Run(recording.name, t, data, own, tuple(notes), plant.inputs, plant.outputs, recording, motion)
 
 
 def _servo_inputs(recording: Recording, plant: Plant) -> dict[str, np.ndarray]:
@@ -115,8 +116,29 @@ def _servo_inputs(recording: Recording, plant: Plant) -> dict[str, np.ndarray]:
     return {"u": signals["u"], "psup": psup}
 
 
-def _bench_inputs(recording: Recording, plant: Plant, motion: Motion) -> dict[str, np.ndarray]:
-    signals = recording.signals
+def _without_outliers(
+    recording: Recording, noise: dict[str, float]
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Signals with outliers drawn in, and what was found."""
+    signals, notes = dict(recording.signals), []
+    for name in ("x", "p1", "p2", "F"):
+        if name not in recording.recorded or name not in noise:
+            continue
+        y = signals[name]
+        signals[name], found = pseudo_values(y, noise[name])
+        if not found.any():
+            continue
+        far = np.abs(y - signals[name])[found] / noise[name] + HUBER
+        notes.append(
+            f"{recording.name}: {int(found.sum())} samples of {name} stand alone {far.min():.0f} to {far.max():.0f} noise "
+            f"levels off (first at t = {recording.t[np.argmax(found)]:.4g} s); they count less (Huber's loss)"
+        )
+    return signals, notes
+
+
+def _bench_inputs(
+    recording: Recording, signals: dict[str, np.ndarray], plant: Plant, motion: Motion
+) -> dict[str, np.ndarray]:
     still = np.full(recording.n, plant.rig.patm)
     v = signals.get("v", motion.v)
     return {"x": motion.x, "v": v, "a": motion.a, "p1": signals.get("p1", still), "p2": signals.get("p2", still)}

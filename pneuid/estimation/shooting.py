@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from pneuid.effect import Parameter
+from pneuid.estimation.own import QUANTITIES, declared, of_key
 from pneuid.estimation.preparation import Run
 from pneuid.interval import IntervalFunction, interval_function
 from pneuid.physics.smoothing import FINE, Smoothing
@@ -94,7 +95,7 @@ class Shooting:
     ) -> None:
         self.plant, self.runs, self.free = plant, tuple(runs), tuple(free)
         self.values, self.ranges, self.substeps = dict(values), dict(ranges), substeps
-        by_name = {parameter.name: parameter for parameter in plant.parameters}
+        by_name = {parameter.name: parameter for parameter in declared(plant, [run.own for run in runs])}
         self.declared = tuple(by_name[name] for name in self.free)
         interval = float(np.median(np.concatenate([run.data[0] for run in runs])))
         start = plant.theta(self.values, self.ranges)
@@ -104,7 +105,8 @@ class Shooting:
         )
         self.scaling = Scaling(self.declared)
         self.samples = node_every
-        self.function: IntervalFunction = interval_function(plant, self.free, node_every, substeps)
+        selected, self._place = self._columns()
+        self.function: IntervalFunction = interval_function(plant, selected, node_every, substeps)
         self.ns, self.nq = len(plant.states), len(self.free)
         self.state_scale = plant.state_scales
         counts = [-(-run.n // node_every) for run in self.runs]
@@ -117,7 +119,8 @@ class Shooting:
         last = self.first[1:] - 1
         self.linked = np.setdiff1d(np.arange(self.nint), last)
         """Intervals whose end must meet the next node."""
-        self._index = [plant.theta_names.index(name) for name in self.free]
+        self._shared = [j for j, name in enumerate(self.free) if name in plant.theta_names]
+        self._index = [plant.theta_names.index(self.free[j]) for j in self._shared]
         self.smoothing = FINE
         self.relaxation = TIGHT
         """Spread allowed to the defects of the relaxed problem, in units of the state scale."""
@@ -143,7 +146,10 @@ class Shooting:
     def theta_of(self, changed: Mapping[str, float]) -> np.ndarray:
         """The same from physical values of some parameters."""
         values = self.values | dict(changed)
-        columns = [self.plant.theta(values, self.ranges, run.mass, self.smoothing) for run in self.runs]
+        columns = []
+        for run in self.runs:
+            mass, shift = run.own.constants(values)
+            columns.append(self.plant.theta(values, self.ranges, mass, self.smoothing, shift))
         return np.repeat(np.array(columns).T, np.diff(self.first), axis=1)
 
     def split(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -167,21 +173,55 @@ class Shooting:
         """End states, scaled sensitivities and scaled Gram blocks."""
         q, nodes = self.split(X)
         end, sensitivity, packed = self._map_derivatives(nodes, self.data, self.theta(q))
-        width = self.nq + self.ns
-        scale = np.concatenate([self.scaling.slope(q), self.state_scale])
-        S = np.asarray(sensitivity).reshape(self.ns, self.nint, width).transpose(1, 0, 2)
-        S = S * (scale / self.state_scale[:, None])
+        own = self.function.width
+        S = np.asarray(sensitivity).reshape(self.ns, self.nint, own).transpose(1, 0, 2)
         rows, cols = self._triangle
-        full = np.empty((self.nint, width + 1, width + 1))
+        full = np.empty((self.nint, own + 1, own + 1))
+        full[:, rows, cols] = full[:, cols, rows] = np.asarray(packed).T
+        if self._place is not None:
+            S, full = self._spread(S, full)
+        scale = np.concatenate([self.scaling.slope(q), self.state_scale])
         both = np.append(scale, 1.0)
-        blocks = np.asarray(packed).T * (both[rows] * both[cols])
-        full[:, rows, cols] = blocks
-        full[:, cols, rows] = blocks
-        return Evaluation(np.asarray(end), S, full)
+        return Evaluation(np.asarray(end), S * (scale / self.state_scale[:, None]), full * np.outer(both, both))
+
+    def _columns(self) -> tuple[tuple[str, ...], np.ndarray | None]:
+        """Names that the interval function differentiates by, and where its columns go in every run.
+
+        ``place`` is ``(runs, columns)``, the index among the free parameters or -1; None where both are the same.
+        """
+        local = sorted({QUANTITIES[of_key(name)[0]] for name in self.free if of_key(name)[1] is not None})
+        if not local:
+            return self.free, None
+        shared = [name for name in self.free if of_key(name)[1] is None]
+        place = np.full((len(self.runs), len(shared) + len(local)), -1)
+        place[:, : len(shared)] = [self.free.index(name) for name in shared]
+        for j, name in enumerate(self.free):
+            quantity, of = of_key(name)
+            for r, run in enumerate(self.runs):
+                if run.name == of:
+                    place[r, len(shared) + local.index(QUANTITIES[quantity])] = j
+        return (*shared, *local), place
+
+    def _spread(self, S: np.ndarray, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Blocks in the columns of the interval function to blocks in all free parameters."""
+        width, ns = self.nq + self.ns, self.ns
+        wide_S, wide = np.zeros((self.nint, ns, width)), np.zeros((self.nint, width + 1, width + 1))
+        for place, first, last in zip(self._place_of_runs, self.first[:-1], self.first[1:], strict=True):
+            known = np.flatnonzero(place >= 0)
+            ends = np.arange(self.nq, width + 1)
+            take = np.concatenate([known, place.size + np.arange(ns + 1)])
+            put = np.concatenate([place[known], ends])
+            wide_S[first:last][:, :, put[:-1]] = S[first:last][:, :, take[:-1]]
+            wide[first:last][:, put[:, None], put] = gram[first:last][:, take[:, None], take]
+        return wide_S, wide
+
+    @property
+    def _place_of_runs(self) -> np.ndarray:
+        return np.zeros((0, 0), dtype=int) if self._place is None else self._place
 
     @cached_property
     def _triangle(self) -> tuple[np.ndarray, np.ndarray]:
-        width = self.nq + self.ns + 1
+        width = self.function.width + 1
         cols, rows = np.tril_indices(width)
         return rows, cols
 
@@ -235,15 +275,17 @@ class Shooting:
         """Values ``(nc,)`` (>= 0 wanted, divided by their typical size) and Jacobian ``(nc, nq)`` in ``q``."""
         theta = self.theta(q)[:, 0]
         value, jacobian = (np.asarray(item) for item in self._constraint_function(theta))
-        slope = jacobian * self.scaling.slope(q)
         size = self._constraint_size
-        return value.ravel() / size, slope.reshape(value.size, self.nq) / size[:, None]
+        slope = np.zeros((value.size, self.nq))
+        slope[:, self._shared] = jacobian.reshape(value.size, -1)
+        return value.ravel() / size, slope * self.scaling.slope(q) / size[:, None]
 
     @cached_property
     def _constraint_size(self) -> np.ndarray:
         start = np.array([parameter.start for parameter in self.declared])
         _, jacobian = self._constraint_function(self.theta(self.scaling.to_q(start))[:, 0])
-        slope = np.asarray(jacobian).reshape(-1, self.nq) * self.scaling.slope(self.scaling.to_q(start))
+        scale = self.scaling.slope(self.scaling.to_q(start))[self._shared]
+        slope = np.asarray(jacobian).reshape(-1, len(self._shared)) * scale
         return np.asarray(np.maximum(np.abs(slope).max(axis=1, initial=0.0), 1e-12))
 
     def set_smoothing(self, smoothing: Smoothing) -> None:

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from pneuid.estimation.chained import Chained
 from pneuid.estimation.shooting import Evaluation, Shooting
 
 Monitor = Callable[[str, int, float], None]
@@ -28,6 +29,12 @@ steps across the kinks of stick-slip go on zigzagging at that level for a hundre
 
 SETTLED_GAIN = 1e-4
 SETTLED_EXACT = 1e-6
+
+INTERRUPTED = "Interrupted"
+"""Status of a stage that was stopped by ctrl-C; its outcome is the best point so far."""
+
+LONGEST_SECONDS = 900.0
+"""A stage is stopped after this time whatever its state; iterations limit it long before, on any machine."""
 
 CONTINUOUS = 1e-3
 """Largest defect, in units of the state scale, of a point that counts as continuous (0.1 um, 10 um/s, 1 Pa, 10 nm)."""
@@ -154,12 +161,13 @@ def _slots(row_parts: list, col_parts: list, nrow: int, ncol: int) -> tuple[np.n
 class _Evaluator:
     """One evaluation per point, shared by the functions that IPOPT asks for."""
 
-    def __init__(self, problem: Shooting, relaxed: bool, monitor: Monitor | None, deadline: float) -> None:
-        self.problem, self.relaxed = problem, relaxed
+    def __init__(
+        self, problem: Shooting, relaxed: bool, stage: str, gain: float, monitor: Monitor | None, deadline: float
+    ) -> None:
+        self.problem, self.relaxed, self.stage, self.gain = problem, relaxed, stage, gain
         self.assembly = _Assembly(problem, relaxed)
         self.scale = 1.0 / max(problem.total_samples, 1)
         self.monitor, self.deadline = monitor, deadline
-        self.stage = "relaxed" if relaxed else "exact"
         self.iterations = 0
         self.best: tuple[float, np.ndarray] | None = None
         self.history: list[float] = []
@@ -227,14 +235,13 @@ class _Evaluator:
             except KeyboardInterrupt as stop:
                 self.failure = stop
         if self.failure is not None:
-            self.stopped = "Interrupted"
+            self.stopped = INTERRUPTED
         elif time.monotonic() > self.deadline:
             self.stopped = "Time_Limit_Exceeded"
         elif len(self.history) > SETTLED_OVER:
             best = self.history[-1]
-            least = SETTLED_GAIN if self.relaxed else SETTLED_EXACT
             gain = self.history[-1 - SETTLED_OVER] - best
-            if gain < least * abs(best) and cost < (1 + 10 * least) * best:
+            if gain < self.gain * abs(best) and cost < (1 + 10 * self.gain) * best:
                 self.stopped = "Settled"
         return bool(self.stopped)
 
@@ -320,10 +327,10 @@ def _ipopt(evaluator: _Evaluator, options: dict) -> tuple[ca.Function, list[_Fun
 
 
 def _solve(
-    problem: Shooting, X0: np.ndarray, relaxed: bool, options: dict, monitor: Monitor | None, limit: float
+    problem: Shooting, X0: np.ndarray, relaxed: bool, stage: str, gain: float, options: dict, monitor: Monitor | None
 ) -> Outcome:
     began = time.monotonic()
-    evaluator = _Evaluator(problem, relaxed, monitor, began + limit)
+    evaluator = _Evaluator(problem, relaxed, stage, gain, monitor, began + LONGEST_SECONDS)
     solver, _kept = _ipopt(evaluator, options)
     lower, upper = np.full(problem.size, -np.inf), np.full(problem.size, np.inf)
     lower[: problem.nq], upper[: problem.nq] = problem.scaling.lower, problem.scaling.upper
@@ -332,8 +339,6 @@ def _solve(
         x0=X0, lbx=lower, ubx=upper,
         lbg=np.zeros(ndef + ncon), ubg=np.concatenate([np.zeros(ndef), np.full(ncon, np.inf)]),
     )  # fmt: skip
-    if isinstance(evaluator.failure, KeyboardInterrupt):
-        raise KeyboardInterrupt
     stats = solver.stats()
     X = np.asarray(found["x"]).ravel()
     status = evaluator.stopped or str(stats["return_status"])
@@ -351,29 +356,29 @@ def _solve(
     )  # fmt: skip
 
 
-def solve_relaxed(
-    problem: Shooting,
-    X0: np.ndarray,
-    monitor: Monitor | None = None,
-    seconds: float = 120.0,
-    strategy: str = "monotone",
-) -> Outcome:
+def solve_relaxed(problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None) -> Outcome:
     """Minimise cost plus penalised defects from ``X0``; never worse than the best point visited."""
-    options = {"tol": 1e-4, "mu_strategy": strategy, "mu_init": 1e-5, "max_iter": 60}
-    return _solve(problem, X0, True, options, monitor, seconds)
+    options = {"tol": 1e-4, "mu_strategy": "monotone", "mu_init": 1e-5, "max_iter": 60}
+    return _solve(problem, X0, True, "relaxed", SETTLED_GAIN, options, monitor)
 
 
-def solve_exact(
-    problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None, seconds: float = 60.0, iterations: int = 40
+def solve_chained(
+    problem: Chained, X0: np.ndarray, monitor: Monitor | None = None, iterations: int = 40
 ) -> Outcome:
-    """Minimise the cost subject to continuity, from a relaxed solution ``X0``."""
+    """Minimise the cost along paths that are continuous within the windows of ``problem``; the best point visited."""
+    options = {"tol": 1e-6, "mu_strategy": "monotone", "mu_init": 1e-7, "max_iter": iterations}
+    return _solve(problem, X0, True, "continuous", SETTLED_EXACT, options, monitor)
+
+
+def solve_exact(problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None, iterations: int = 40) -> Outcome:
+    """Minimise the cost subject to continuity, from a point ``X0`` near the solution."""
     # the last digits of the dual infeasibility are the kinks' rounding: a cost that no longer moves is the end
     options = {
-        "tol": 1e-6, "mu_strategy": "adaptive", "max_iter": iterations, "max_wall_time": float(seconds),
+        "tol": 1e-6, "mu_strategy": "monotone", "mu_init": 1e-7, "max_iter": iterations,
         "acceptable_tol": 1e-3, "acceptable_iter": 2, "acceptable_obj_change_tol": 1e-7,
         "acceptable_constr_viol_tol": 1e-3, "acceptable_dual_inf_tol": 1e-3,
     }  # fmt: skip
-    return _solve(problem, X0, False, options, monitor, seconds)
+    return _solve(problem, X0, False, "exact", SETTLED_EXACT, options, monitor)
 
 
 def constraint_system(problem: Shooting, X: np.ndarray) -> tuple[sp.csc_matrix, sp.csc_matrix]:

@@ -49,11 +49,11 @@ def read_table(path: str | Path, layout: FileLayout) -> RawTable:
     if reader is None:
         known = ", ".join(READERS)
         raise UserError(f"{path}: no reader for files ending in '{path.suffix}'; known: {known}")
-    if not path.exists():
-        raise UserError(f"{path}: there is no such file")
-    if not path.is_file():
-        raise UserError(f"{path}: this is not a file; give one file per run")
     try:
+        if not path.exists():
+            raise UserError(f"{path}: there is no such file")
+        if not path.is_file():
+            raise UserError(f"{path}: this is not a file; give one file per run")
         return reader(path, layout)
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error

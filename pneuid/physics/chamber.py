@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from pneuid.physics.gas import R_AIR
+import casadi as ca
+
+from pneuid.physics.gas import CV_AIR, GAMMA_AIR, R_AIR
 from pneuid.physics.smoothing import Expression
 
 
@@ -15,3 +17,38 @@ def pressure_rate(
     or out is at ambient ``T``. Source: mass balance of an ideal gas with ``p V^n`` held for the work term.
     """
     return n / V * (R_AIR * T * mdot - p * V_rate)
+
+
+def wall_area(V: Expression, A: Expression) -> Expression:
+    """Wall of a cylindrical chamber of volume ``V`` (m^3) and bore area ``A`` (m^2): both ends and the mantle, m^2."""
+    return 2.0 * A + 2.0 * ca.sqrt(ca.pi / A) * V
+
+
+def temperature_relaxation(
+    excess: Expression,
+    p: Expression,
+    V: Expression,
+    V_rate: Expression,
+    filling: Expression,
+    emptying: Expression,
+    wall: Expression,
+    T: Expression,
+) -> tuple[Expression, Expression]:
+    """Source (K/s) and decay (1/s, positive) of the gas temperature's ``excess`` (K) over that of the surroundings, ``T``.
+
+    ``d excess/dt = source - decay excess``. filling, emptying : mass flows in (at ``T``) and out, kg/s, both positive; wall :
+    conductance to walls at ``T``, W/K; p, V, V_rate : Pa, m^3, m^3/s. Source: mass and energy balance of an ideal gas in an
+    open volume, the full-order model of Carneiro and de Almeida, Proc. IMechE Part I 220 (2006) 301.
+    """
+    absolute = ca.fmax(T + excess, 0.3 * T)
+    mass = p * V / (R_AIR * absolute)
+    warming = (GAMMA_AIR - 1.0) * (T * (filling - emptying) / mass - absolute * V_rate / V)
+    return warming, (filling + (GAMMA_AIR - 1.0) * emptying) / mass + wall / (mass * CV_AIR)
+
+
+def temperature_pressure_rate(excess: Expression, V: Expression, emptying: Expression, wall: Expression) -> Expression:
+    """What ``excess`` of the gas temperature adds to the adiabatic ``pressure_rate`` (n = 1.4, gas at ambient), Pa/s.
+
+    Air leaves at its own temperature and heat passes to the wall; arguments as in ``temperature_relaxation``.
+    """
+    return -(GAMMA_AIR * R_AIR * emptying + (GAMMA_AIR - 1.0) * wall) * excess / V

@@ -79,9 +79,12 @@ def steady_bristle_force(k: Coefficients, v: Expression) -> Expression:
     return k.Fc + (k.Fs - k.Fc) * ca.exp(-((v / k.vs) ** 2))
 
 
-def bristle_decay(k: Coefficients, v: Expression, speed_width: Expression) -> Expression:
-    """``sigma0 |v| / g(v)`` in 1/s: how fast the bristle forgets."""
-    return k.sigma0 * absolute(v, speed_width) / steady_bristle_force(k, v)
+def bristle_decay(
+    k: Coefficients, v: Expression, speed_width: Expression, stribeck_speed: Expression = None
+) -> Expression:
+    """``sigma0 |v| / g(v)`` in 1/s: how fast the bristle forgets; ``g`` is read at ``stribeck_speed`` where given."""
+    at = v if stribeck_speed is None else stribeck_speed
+    return k.sigma0 * absolute(v, speed_width) / steady_bristle_force(k, at)
 
 
 def friction_force(k: Coefficients, z: Expression, z_rate: Expression, v: Expression) -> Expression:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 
 from pneuid.physics.gas import RHO_REFERENCE, T_REFERENCE
@@ -40,6 +42,16 @@ def mass_flow(
 def relative_command(u: Expression, null: Expression, full_scale: Expression) -> Expression:
     """Signed relative spool command: +1 opens supply to chamber 1 fully, -1 supply to chamber 2 (u in V)."""
     return (u - null) / full_scale
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Openings of the four metering edges, 1 for the conductance ``C``: supply to chamber, chamber to exhaust."""
+
+    supply_1: Expression
+    supply_2: Expression
+    exhaust_1: Expression
+    exhaust_2: Expression
 
 
 def edges(opening: Expression, smoothing: Smoothing) -> tuple[Expression, Expression]:

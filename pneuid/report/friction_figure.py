@@ -110,7 +110,7 @@ def sliding_samples(model: Model, runs: Sequence[Run]) -> Sliding:
         still = np.full(run.n, rig.patm)
         signals = run.recording.signals
         v = run.input("v") if "v" in run.inputs else run.motion.v
-        inertia = (run.mass or rig.mass) * run.motion.a
+        inertia = run.own.mass * run.motion.a
         force = resisting_force(plant, run, run.motion)
         p1, p2 = signals.get("p1", still), signals.get("p2", still)
         used = np.all(run.weights > 0, axis=0)

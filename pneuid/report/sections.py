@@ -12,6 +12,7 @@ from pneuid.criticism.diagnosis import Candidate, Diagnosis
 from pneuid.criticism.ladder import Rung
 from pneuid.effects import CATALOGUE
 from pneuid.model import Estimate, Model
+from pneuid.plausibility import check_recordings
 from pneuid.report.decision_figures import (
     group_letters,
     ladder,
@@ -51,7 +52,7 @@ def summary(comparison: Comparison) -> Section:
     samples = sum(item.samples for item in model.data if item.role == "train")
     fitted = f", fitted on {_count(sum(item.role == 'train' for item in model.data), 'run')} ({samples} samples)"
     first = f"{model.name}: {model.rig.kind} rig, {model.friction} friction{effects}{fitted if samples else ''}."
-    parts: list[Part] = [Paragraph(first), *stage_note(model)]
+    parts: list[Part] = [Paragraph(first), *stage_note(model), *data_warnings(comparison)]
     role = "hold_out" if comparison.hold_out else "train"
     errors = errors_of(comparison, role)
     lines = [_error_sentence(name, item, model.plant.servo) for name, item in errors.items()]
@@ -72,6 +73,12 @@ def stage_note(model: Model) -> list[Part]:
     if not fit.converged:
         return [Paragraph(f"The fit did not converge: {fit.status}.", "warning")]
     return []
+
+
+def data_warnings(comparison: Comparison) -> list[Part]:
+    """What the sanity checks suspect of the recordings; first of all, since a slip in the data passes for a missing effect."""
+    recordings = [item.run.recording for item in comparison.predictions]
+    return [Paragraph(f"Check the data: {one.line}.", "warning") for one in check_recordings(comparison.model.rig, recordings)]
 
 
 def _count(n: int, word: str) -> str:

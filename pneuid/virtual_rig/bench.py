@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pneuid.errors import ComputationError
+from pneuid.virtual_rig import layout as at
 from pneuid.virtual_rig.hidden import NOTHING, Hidden
 from pneuid.virtual_rig.kernel import friction_coefficients, run_imposed, stribeck
-from pneuid.virtual_rig.motion import MOTIONS, Motion
+from pneuid.virtual_rig.motion import MOTIONS, Motion, reciprocation, strokes
 from pneuid.virtual_rig.packing import pack
-from pneuid.virtual_rig.sensors import BENCH_SENSORS, Sensors, on_grid
+from pneuid.virtual_rig.sensors import BENCH_SENSORS, Sensors, averaged, on_grid
 from pneuid.virtual_rig.servo import substeps_for
 from pneuid.virtual_rig.truth import TruthBench
 
@@ -18,6 +21,51 @@ Array = NDArray[np.float64]
 
 BUFFER_TIME = 0.05
 """Time constant [s] with which a chamber's pressure follows the disturbance by the motion."""
+
+STUDY_PRESSURES = (
+    *((1e5 * bar, 1e5 * bar) for bar in range(7)),
+    *((3e5, 1e5 * bar) for bar in (0, 1, 2, 5, 6)),
+)
+"""Pressure pairs (p1, p2) [Pa, gauge] of the 2011 study: equal ones, and 3 bar in the rodless chamber."""
+
+STUDY_UNSEEN = ((3e5, 4e5),)
+"""The pair [Pa, gauge] that the study keeps for its verification."""
+
+SLOW_SPEEDS = (0.5e-3, 0.7e-3, 1e-3, 1.4e-3, 2e-3, 3e-3)
+FAST_SPEEDS = (5e-3, 10e-3, 20e-3, 40e-3, 60e-3, 90e-3, 120e-3, 150e-3)
+"""Steady speeds [m/s] of the virtual study."""
+
+
+def study_motions(
+    slow: Sequence[float] = SLOW_SPEEDS, fast: Sequence[float] = FAST_SPEEDS, amplitude: float = 0.5e-3
+) -> dict[str, Motion]:
+    """What the 2011 bench does at one pressure pair: slow strokes of a few mm, fast ones, and slow reciprocation.
+
+    Speeds [m/s]; ``amplitude`` [m] of the reciprocation at 0.5 mm/s and 2 kHz, two cycles.
+    """
+    return {
+        "slow": strokes(slow, start=0.2, travel=2.5e-3, longest=5.0, rate=500.0),
+        "fast": strokes(fast, start=0.15, travel=0.2, longest=1.0, acceleration=0.5, rate=1000.0),
+        "reciprocation": reciprocation(amplitude=amplitude, turning=0.04, rate=2000.0),
+    }
+
+
+def record_study(
+    truth: TruthBench,
+    pressures: Sequence[tuple[float, float]],
+    motions: Mapping[str, Motion],
+    seed: int = 0,
+    *,
+    sensors: Sensors = BENCH_SENSORS,
+) -> dict[str, dict[str, Array]]:
+    """Every motion at every pressure pair (p1, p2) [Pa, gauge] as ``record_bench`` returns it, by file name."""
+    found = {}
+    for p1, p2 in pressures:
+        for j, (name, motion) in enumerate(motions.items()):
+            own = int(np.random.SeedSequence([seed, round(p1), round(p2), j]).generate_state(1)[0])
+            record = record_bench(truth, truth.patm + p1, truth.patm + p2, motion, seed=own, sensors=sensors)
+            found[f"p1_{p1 / 1e3:.0f}_p2_{p2 / 1e3:.0f}_{name}.csv"] = record
+    return found
 
 
 def record_bench(
@@ -55,12 +103,13 @@ def record_bench(
     if not np.all(np.isfinite(force)):
         raise ComputationError("the virtual bench's force is not finite; check friction and motion")
     noise = np.random.default_rng(seed).standard_normal((4, path.t.size))
+    felt = averaged(force, hidden.sensor_lag_F / interval) + hidden.sensor_offset_F
     record = {
         "t": path.t.copy(),
         "x": on_grid(path.x + sensors.x_noise * noise[0], sensors.x_grid),
         "p1": on_grid(q1 + sensors.p_noise * noise[1] + hidden.sensor_offset_p1, sensors.p_grid),
         "p2": on_grid(q2 + sensors.p_noise * noise[2] + hidden.sensor_offset_p2, sensors.p_grid),
-        "F": on_grid(force + sensors.F_noise * noise[3] + hidden.sensor_offset_F, sensors.F_grid),
+        "F": on_grid(felt + sensors.F_noise * noise[3], sensors.F_grid),
     }
     if with_truth:
         record |= {"true_x": path.x, "true_v": path.v, "true_a": path.a, "true_p1": q1, "true_p2": q2}
@@ -74,7 +123,9 @@ def steady_friction(truth: TruthBench, v: Array, p1: float, p2: float) -> Array:
     Source: Liu, Chen, Tao 2011, eq. 5.
     """
     par = pack(truth.as_servo(), NOTHING)
-    fc, fs, vs, viscous = friction_coefficients(0.5 * truth.stroke, p1, p2, par)
+    y = np.zeros(at.STATES)
+    y[at.P1], y[at.P2] = p1, p2
+    fc, fs, vs, viscous = friction_coefficients(0.5 * truth.stroke, y, par)
     speeds = np.asarray(v, dtype=np.float64)
     force = np.array([stribeck(speed, fc, fs, vs) * np.sign(speed) + viscous * speed for speed in speeds.ravel()])
     return force.reshape(speeds.shape)

@@ -1,7 +1,7 @@
 """Motions an engineer would command to identify a servo rig, as position references.
 
-Every reference keeps to the middle of the stroke and to a fraction of the speed that the valve
-allows, so that a simple position controller can follow it on any rig.
+Every reference keeps to a fraction of the speed that the valve allows, so that a simple position controller can follow it
+on any rig, and all but ``travel`` keep to the middle of the stroke.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LOWEST, HIGHEST = 0.20, 0.80
-"""Range of every reference as fractions of the stroke."""
+"""Range of every reference but ``travel`` as fractions of the stroke."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +99,26 @@ def _sine(t: Array, stroke: float, top_speed: float, rng: np.random.Generator) -
     return centre + amplitude * np.sin(rate * t + phase), amplitude * rate * np.cos(rate * t + phase)
 
 
+def _travel(t: Array, stroke: float, top_speed: float, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Minimum-jerk moves anywhere in the stroke, every other one to just before an end, with rests of 0.05 to 2 s."""
+    position, speed = np.empty_like(t), np.zeros_like(t)
+    low, high = 0.01 * stroke, 0.99 * stroke
+    here, clock, to_end = float(rng.uniform(0.3, 0.7)) * stroke, 0.0, False
+    position[:] = here
+    while clock < t[-1]:
+        there = (low if rng.random() < 0.5 else high) if to_end else float(rng.uniform(low, high))
+        if abs(there - here) < 0.05 * stroke:
+            there = 0.5 * stroke
+        lasts = max(1.875 * abs(there - here) / (10.0 ** rng.uniform(-0.9, -0.25) * top_speed), 0.08)
+        s = np.clip((t - clock) / lasts, 0.0, 1.0)
+        moving = t >= clock
+        position[moving] = here + (there - here) * (s**3 * (10.0 - 15.0 * s + 6.0 * s**2))[moving]
+        speed[moving] = (there - here) / lasts * (30.0 * s**2 * (1.0 - s) ** 2)[moving]
+        clock += lasts + 10.0 ** rng.uniform(np.log10(0.05), np.log10(2.0))
+        here, to_end = there, not to_end
+    return position, speed
+
+
 EXCITATIONS: dict[str, Excitation] = {
     item.name: item
     for item in (
@@ -106,6 +126,7 @@ EXCITATIONS: dict[str, Excitation] = {
         Excitation("steps", _steps, dither=0.01),
         Excitation("slow", _slow, dither=0.002, integral=3.0),
         Excitation("sine", _sine, dither=0.02),
+        Excitation("travel", _travel, dither=0.01),
     )
 }
 """The excitations by name."""

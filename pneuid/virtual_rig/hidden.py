@@ -1,13 +1,21 @@
 """What a rig has beyond its base model, in forms unlike those of the estimator's catalogue.
 
 Each effect has one amplitude; zero means exactly absent. The other fields are shapes, which do
-nothing while their amplitude is zero. Names are those of the catalogue.
+nothing while their amplitude is zero. Names are those of the catalogue, but for the effects that it does not hold.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+
+_NOT_NEGATIVE = (
+    "load_mass", "leakage_internal", "valve_dead_zone", "supply_droop", "valve_lag", "leakage_external_1",
+    "leakage_external_2", "heat_transfer", "load_spring", "valve_hysteresis", "valve_null_leakage", "exhaust_restriction",
+    "dead_volume", "line_delay", "inlet_mixing", "friction_dwell", "friction_warmup", "friction_lag",
+    "friction_presliding_memory", "backlash", "end_cushion", "mounting_compliance", "sensor_lag_p1", "sensor_lag_p2",
+    "sensor_lag_F", "channel_skew", "rod_seal_clamp", "relief_leak", "scored_bore",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -50,6 +58,66 @@ class Hidden:
         Stiffness [N/m] of a slightly hardening spring centred at mid-stroke.
     sensor_offset_p1, sensor_offset_p2
         Added to the recorded pressure [Pa]; ``sensor_offset_F`` [N] to the recorded force.
+    valve_hysteresis
+        Half width of the spool's hysteresis as a fraction of full scale: three plays in parallel (Prandtl-Ishlinskii).
+    valve_critical_ratio
+        By how much the filling edges' b exceeds the declared one; venting edges by 0.8 of it, and the subsonic curve is
+        no quarter ellipse but has a larger exponent (ISO 6358-3's m).
+    valve_null_leakage
+        Opening of every edge at the null by the spool's clearance, as a fraction of full scale.
+    exhaust_restriction
+        Valve conductance over that of the silencer on a small gallery that both exhaust ports share.
+    dead_volume
+        What the volumes have beyond the declared ones, relative to them; rod side 0.8 of it; a third of it is a side
+        pocket behind a bore.
+    line_delay
+        Length [m] of both tubes (4 mm wide at the default valve): two cells with the gas' inertia and turbulent friction.
+        The tube is part of the declared dead volume as far as that reaches.
+    inlet_mixing
+        By how much the exponent of entering gas exceeds n at large flow, and that of leaving gas falls below it;
+        polytropic chambers only.
+    friction_dwell
+        Relative growth of Fs - Fc in the first second at rest, with the power 0.4 of the time, up to three times that; worn
+        off by 0.2 mm of sliding.
+    friction_warmup
+        Relative fall of friction with the dissipated work: a fast and a slow exponential.
+    friction_lag
+        Time constant [s] with which the film behind the Stribeck curve builds up; squeezing it out takes 2.5 times longer.
+    friction_presliding_memory
+        Share of the bristle's force that five Maxwell elements of different yield carry instead.
+    backlash
+        Play [m] between the rod and ``backlash_load_share`` of the moving mass, with an elastic, damped contact.
+    end_cushion
+        Length of the end cushions over the stroke: a ring of 0.8 of the piston's area with a needle and a check valve.
+    mounting_compliance
+        Of the cylinder's bracket [m/N], hardening; the body has a mass of its own and x is read on the machine.
+    sensor_lag_p1, sensor_lag_p2, sensor_lag_F
+        Mean age [s] of what two running averages in a row record.
+    channel_skew
+        Duration [s] of a logger's scan: x, p1, p2 are read in turn before the time stamp, u at it.
+
+    Outside the catalogue:
+
+    cogging
+        Force [N] periodic in x, ``cogging_pitch`` of the stroke apart, with flat flanks.
+    drag_chain
+        Force against extension [N s/m] growing with the speed times the distance from mid-stroke in strokes.
+    magnetic_detent
+        Largest pull [N] of a magnet towards mid-stroke, felt over a few hundredths of the stroke.
+    rod_seal_clamp
+        Friction [N/Pa] by chamber 2's pressure beyond ``clamp_at`` [Pa gauge].
+    relief_leak
+        Leak of chamber 1 over the valve's conductance that opens above ``relief_at`` [Pa gauge].
+    scored_bore
+        Leak across the piston over the valve's conductance, between 0.55 and 0.68 of the stroke only.
+    valve_supply_gain
+        Relative growth of the valve's conductance with the supply's gauge pressure over ``supply_reference`` [Pa gauge].
+    supply_heating
+        Warming [K] of the supplied gas under sustained flow, within three seconds.
+    sensor_gain_drift
+        Relative gain by which the recorded gauge p1 drifts within some four seconds.
+    encoder_bow
+        Amplitude [m] of an error of the recorded x that is periodic in x, three waves per stroke.
     """
 
     friction_pressure: float = 0.0
@@ -71,6 +139,34 @@ class Hidden:
     sensor_offset_p1: float = 0.0
     sensor_offset_p2: float = 0.0
     sensor_offset_F: float = 0.0
+    valve_hysteresis: float = 0.0
+    valve_critical_ratio: float = 0.0
+    valve_null_leakage: float = 0.0
+    exhaust_restriction: float = 0.0
+    dead_volume: float = 0.0
+    line_delay: float = 0.0
+    inlet_mixing: float = 0.0
+    friction_dwell: float = 0.0
+    friction_warmup: float = 0.0
+    friction_lag: float = 0.0
+    friction_presliding_memory: float = 0.0
+    backlash: float = 0.0
+    end_cushion: float = 0.0
+    mounting_compliance: float = 0.0
+    sensor_lag_p1: float = 0.0
+    sensor_lag_p2: float = 0.0
+    sensor_lag_F: float = 0.0
+    channel_skew: float = 0.0
+    cogging: float = 0.0
+    drag_chain: float = 0.0
+    magnetic_detent: float = 0.0
+    rod_seal_clamp: float = 0.0
+    relief_leak: float = 0.0
+    scored_bore: float = 0.0
+    valve_supply_gain: float = 0.0
+    supply_heating: float = 0.0
+    sensor_gain_drift: float = 0.0
+    encoder_bow: float = 0.0
 
     pressure_reference: float = 3.0e5
     pressure_saturation: float = 6.0e5
@@ -81,12 +177,18 @@ class Hidden:
     rolling_coefficient: float = 0.008
     leak_critical_ratio: float = 0.25
     supply_tank: float = 0.4e-3
+    backlash_load_share: float = 0.8
+    cogging_pitch: float = 0.05
+    relief_at: float = 3.0e5
+    clamp_at: float = 2.5e5
+    supply_reference: float = 5.0e5
 
     def __post_init__(self) -> None:
-        for name in ("load_mass", "leakage_internal", "valve_dead_zone", "supply_droop", "valve_lag",
-                     "leakage_external_1", "leakage_external_2", "heat_transfer", "load_spring"):  # fmt: skip
+        for name in _NOT_NEGATIVE:
             if getattr(self, name) < 0.0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+        if max(self.friction_presliding_memory, self.friction_warmup) > 1.0 or self.end_cushion > 0.3:
+            raise ValueError(f"shares and the cushions' part of the stroke are too large: {self}")
         for item in fields(self):
             if not math.isfinite(getattr(self, item.name)):
                 raise ValueError(f"{item.name} must be finite, got {getattr(self, item.name)}")
@@ -104,32 +206,3 @@ class Hidden:
 
 NOTHING = Hidden()
 """A rig that is exactly its base model."""
-
-HIDDEN_EFFECTS: dict[str, dict[str, Hidden]] = {
-    name: {"weak": Hidden(**{name: weak}), "strong": Hidden(**{name: strong})}
-    for name, weak, strong in (
-        ("friction_pressure", 0.28, 0.85),
-        ("friction_direction", 0.07, 0.20),
-        ("friction_position", 0.17, 0.50),
-        ("gravity", 5.0, 15.0),
-        ("load_mass", 0.33, 1.0),
-        ("leakage_internal", 0.013, 0.04),
-        ("valve_dead_zone", 0.017, 0.05),
-        ("supply_droop", 1.9, 3.5),  # the fall of pressure grows with the square of the flow
-    )
-}
-"""Presets for the default 32 mm rig by catalogue name, then ``"weak"`` (a third in effect) or ``"strong"``."""
-
-
-def preset(name: str, level: str = "strong", bore: float = 0.032) -> Hidden:
-    """A preset for another bore [m]: constant load and payload grow with the piston area, the tank too.
-
-    Raises ``KeyError`` listing what there is for an unknown name or level.
-    """
-    if name not in HIDDEN_EFFECTS or level not in ("weak", "strong"):
-        raise KeyError(f"no preset {level!r} of {name!r}; there are weak and strong of {sorted(HIDDEN_EFFECTS)}")
-    chosen = HIDDEN_EFFECTS[name][level]
-    area = (bore / 0.032) ** 2
-    return replace(
-        chosen, gravity=chosen.gravity * area, load_mass=chosen.load_mass * area, supply_tank=chosen.supply_tank * area
-    )

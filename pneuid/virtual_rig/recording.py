@@ -12,7 +12,7 @@ from pneuid.virtual_rig.excitation import EXCITATIONS, Excitation, dither
 from pneuid.virtual_rig.hidden import NOTHING, Hidden
 from pneuid.virtual_rig.kernel import run_closed_loop
 from pneuid.virtual_rig.packing import pack
-from pneuid.virtual_rig.sensors import SERVO_SENSORS, Sensors, on_grid
+from pneuid.virtual_rig.sensors import SERVO_SENSORS, Sensors, averaged, delayed, on_grid
 from pneuid.virtual_rig.servo import STEP, channels, check_states, holds_linear, rest_state, substeps_for
 from pneuid.virtual_rig.truth import TruthServo
 
@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 
 SETTLING = 0.4
 """Seconds of closed-loop hold, dither included, before the record starts."""
+
+DRIFT_TIME = 4.0
+"""Time constant [s] of a sensor's drift."""
 
 
 def record_servo(
@@ -71,7 +74,7 @@ def record_servo(
         substeps_for(1.0 / rate, step), par,
     )  # fmt: skip
     check_states(states, settling + samples, 1.0 / rate)
-    seen = _measured(states, noise, hidden, sensors)
+    seen = _measured(states, noise, truth, hidden, sensors, rate)
     record = {"t": t, "u": u[settling:]} | {name: values[settling:] for name, values in seen.items()}
     if with_truth:
         record |= {f"true_{name}": values for name, values in channels(states[settling:]).items()}
@@ -103,10 +106,22 @@ def _controller(truth: TruthServo, hidden: Hidden, supply: float) -> tuple[float
     return min(0.25 * natural, 12.0) * volts_per_speed, volts_per_speed
 
 
-def _measured(states: Array, noise: Array, hidden: Hidden, sensors: Sensors) -> dict[str, Array]:
-    offset_1, offset_2 = hidden.sensor_offset_p1, hidden.sensor_offset_p2
+def _measured(
+    states: Array, noise: Array, truth: TruthServo, hidden: Hidden, sensors: Sensors, rate: float
+) -> dict[str, Array]:
+    """What the sensors and the logger make of x, p1 and p2 over the settling and the record."""
+    x, p1, p2 = states[:, at.X], states[:, at.P1], states[:, at.P2]
+    if hidden.encoder_bow != 0.0:
+        x = x + hidden.encoder_bow * np.sin(6.0 * np.pi * x / truth.stroke)
+    if hidden.sensor_gain_drift != 0.0:
+        warm = 1.0 - np.exp(-np.arange(x.size) / rate / DRIFT_TIME)
+        p1 = p1 + hidden.sensor_gain_drift * warm * (p1 - truth.patm)
+    p1, p2 = averaged(p1, hidden.sensor_lag_p1 * rate), averaged(p2, hidden.sensor_lag_p2 * rate)
+    x, p1, p2 = (
+        delayed(values, age * hidden.channel_skew * rate) for values, age in ((x, 1.0), (p1, 2 / 3), (p2, 1 / 3))
+    )
     return {
-        "x": on_grid(states[:, at.X] + sensors.x_noise * noise[0], sensors.x_grid),
-        "p1": on_grid(states[:, at.P1] + sensors.p_noise * noise[1] + offset_1, sensors.p_grid),
-        "p2": on_grid(states[:, at.P2] + sensors.p_noise * noise[2] + offset_2, sensors.p_grid),
+        "x": on_grid(x + sensors.x_noise * noise[0], sensors.x_grid),
+        "p1": on_grid(p1 + sensors.p_noise * noise[1] + hidden.sensor_offset_p1, sensors.p_grid),
+        "p2": on_grid(p2 + sensors.p_noise * noise[2] + hidden.sensor_offset_p2, sensors.p_grid),
     }

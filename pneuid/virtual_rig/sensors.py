@@ -43,3 +43,32 @@ IDEAL_SENSORS = Sensors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 def on_grid(values: Array, grid: float) -> Array:
     """``values`` rounded to multiples of ``grid``; unchanged when the grid is zero."""
     return values if grid == 0.0 else grid * np.rint(values / grid)
+
+
+RECORDED_ONLY = ("sensor_lag_p1", "sensor_lag_p2", "channel_skew", "sensor_gain_drift", "encoder_bow")
+"""Hidden effects of sensors that act in recordings only, because they need the signal's past or the record's clock."""
+
+
+def delayed(values: Array, samples: float) -> Array:
+    """``values`` some ``samples``, not necessarily whole, ago; the first value before the start."""
+    if samples == 0.0:
+        return values
+    k = np.arange(values.size, dtype=np.float64)
+    return np.interp(k - samples, k, values)
+
+
+def averaged(values: Array, samples: float) -> Array:
+    """Two running averages in a row, each over ``samples``, so that what comes out is ``samples`` old on the mean."""
+    if samples == 0.0:
+        return values
+    k = np.arange(values.size, dtype=np.float64)
+    for _ in range(2):
+        # exact for straight lines between samples; before the start the signal is held
+        area = np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]))))
+        ago = k - samples
+        whole = np.floor(np.maximum(ago, 0.0)).astype(np.int64)
+        part = np.maximum(ago, 0.0) - whole
+        after = values[np.minimum(whole + 1, values.size - 1)]
+        then = area[whole] + part * (values[whole] + 0.5 * part * (after - values[whole]))
+        values = (area - then - np.minimum(ago, 0.0) * values[0]) / samples
+    return values

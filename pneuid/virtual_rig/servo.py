@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from pneuid.errors import ComputationError
 from pneuid.virtual_rig import layout as at
 from pneuid.virtual_rig.hidden import NOTHING, Hidden
-from pneuid.virtual_rig.kernel import advance, friction_force, rounded, run_commands
+from pneuid.virtual_rig.kernel import advance, friction_of, rounded, run_commands
 from pneuid.virtual_rig.packing import pack
-from pneuid.virtual_rig.sensors import CONTROL_SENSORS, Sensors
+from pneuid.virtual_rig.sensors import CONTROL_SENSORS, RECORDED_ONLY, Sensors
 from pneuid.virtual_rig.truth import TruthServo
 
 Array = NDArray[np.float64]
@@ -38,7 +38,7 @@ def rest_state(par: Array, x0: float, supply: float) -> Array:
     if not supply > par[at.PATM]:
         raise ValueError(f"supply must be above ambient pressure {par[at.PATM]} Pa absolute, got {supply} Pa")
     level = 0.6 * (supply - par[at.PATM])
-    load = par[at.MASS] * par[at.GRAVITY] + par[at.H_PULL]
+    load = (par[at.MASS] + par[at.S_LOAD_MASS]) * par[at.GRAVITY] + par[at.H_PULL]
     p2 = level
     p1 = (p2 * par[at.AREA_2] + load) / par[at.AREA_1]
     highest = 0.95 * (supply - par[at.PATM])
@@ -47,6 +47,9 @@ def rest_state(par: Array, x0: float, supply: float) -> Array:
     y[at.P1] = par[at.PATM] + min(max(p1, 0.0), highest)
     y[at.P2] = par[at.PATM] + p2
     y[at.T1] = y[at.T2] = par[at.TEMPERATURE]
+    y[at.PEXH], y[at.LOAD_X] = par[at.PATM], x0
+    y[[at.LINE_A1, at.LINE_B1, at.POCKET_1, at.CUSHION_1]] = y[at.P1]
+    y[[at.LINE_A2, at.LINE_B2, at.POCKET_2, at.CUSHION_2]] = y[at.P2]
     return y
 
 
@@ -67,7 +70,8 @@ class ServoPlant:
     """The rig as a plant for a controller: reset, step, measure.
 
     ``step`` [s] is the integration step. ``parameters`` and the state array may be handed to
-    ``kernel.advance`` by a compiled controller.
+    ``kernel.advance`` by a compiled controller. Raises ``ValueError`` for sensors that need their past (lags, skew, drift),
+    which only recordings have.
     """
 
     def __init__(
@@ -77,6 +81,9 @@ class ServoPlant:
         sensors: Sensors = CONTROL_SENSORS,
         step: float = STEP,
     ) -> None:
+        past = [name for name in RECORDED_ONLY if getattr(hidden, name) != 0.0]
+        if past:
+            raise ValueError(f"the plant of a control loop reads its sensors now; {', '.join(past)} is for recordings")
         self.truth = truth
         self.hidden = hidden
         self.sensors = sensors
@@ -129,8 +136,7 @@ class ServoPlant:
 
     def friction(self) -> float:
         """The true friction force now [N], positive against positive motion."""
-        y = self._y
-        return float(friction_force(y[at.X], y[at.V], y[at.Z], y[at.P1], y[at.P2], self.parameters))
+        return float(friction_of(self._y, self.parameters))
 
 
 def run_open_loop(

@@ -1,0 +1,43 @@
+/* The servo as an FMU. Its inputs are what stands at the beginning of a step; its output acts in the next one. */
+#include <math.h>
+
+#include "fmu_unit.h"
+#include "fmu_variables.h"
+#include "pneuid_servo.h"
+
+const size_t fmu_unit_bytes = sizeof(pneuid_servo);
+
+static pneuid_measurement measured(const double *real)
+{
+    const pneuid_measurement seen = {real[FMU_x], real[FMU_p1], real[FMU_p2], real[FMU_psup]};
+    return seen;
+}
+
+const char *fmu_unit_start(void *unit, double *real)
+{
+    const pneuid_measurement seen = measured(real);
+    pneuid_servo_init(unit);
+    if (pneuid_servo_start(unit, &seen) != 0) {
+        return "x, p1, p2 and psup must be finite at the start";
+    }
+    real[FMU_u] = pneuid_neutral;
+    return NULL;
+}
+
+const char *fmu_unit_step(void *unit, double *real, double seconds)
+{
+    const pneuid_measurement seen = measured(real);
+    pneuid_reference target[2];
+    int i;
+    if (fabs(seconds - PNEUID_SERVO_INTERVAL) > 1e-6 * PNEUID_SERVO_INTERVAL) {
+        return "the communication step must be the sample time of the servo";
+    }
+    for (i = 0; i < 2; i++) {
+        target[i].position = real[FMU_position_0 + i];
+        target[i].velocity = real[FMU_velocity_0 + i];
+        target[i].acceleration = real[FMU_acceleration_0 + i];
+        target[i].jerk = real[FMU_jerk_0 + i];
+    }
+    real[FMU_u] = pneuid_servo_step(unit, &seen, target);
+    return NULL;
+}

@@ -1,0 +1,50 @@
+"""Writes docs/catalogue.md from the declarations of the effects: ``python docs/make_catalogue.py``."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+
+from pneuid.effect import Effect
+from pneuid.effects import CATALOGUE, GROUPS, group_of
+from pneuid.effects.__main__ import demonstration_rig
+from pneuid.physics.friction import LAWS
+
+PAGE = Path(__file__).with_name("catalogue.md")
+
+_HEAD = """# The catalogue of physical effects
+
+Written by `python docs/make_catalogue.py` from the effects' own declarations; do not edit. Numbers are those of the
+demonstration rig (32 mm bore, 500 mm stroke). An amplitude is switched off at its off-value; a *shape* means nothing while
+the amplitudes are off.
+`python -m pneuid.effects NAME --out DIR` draws the signature of one effect.
+"""
+
+
+def page() -> str:
+    """The whole page."""
+    parts = [_HEAD]
+    for group in GROUPS:
+        members = [effect for effect in CATALOGUE.values() if group_of(effect) == group]
+        parts += [f"## {group.capitalize()}\n", *(_section(effect) for effect in members)]
+    return "\n".join(parts)
+
+
+def _section(effect: Effect) -> str:
+    rows = ["| parameter | symbol | unit | bounds | off | typical |", "| --- | --- | --- | --- | --- | --- |"]
+    for item in effect.parameters(demonstration_rig(effect), LAWS[effect.laws[0]]):
+        off = "shape" if item.off is None else f"{item.off:.3g}"
+        typical = item.start if item.off is None else item.scale
+        bounds = f"{item.lower:.3g} .. {item.upper:.3g}"
+        rows.append(f"| `{item.name}` | {item.symbol} | {item.unit} | {bounds} | {off} | {typical:.3g} |")
+    confused = ", ".join(f"`{name}`" for name in effect.confused_with) or "none"
+    words = " ".join(inspect.cleandoc(effect.__doc__ or "").replace("``", "`").split())
+    return "\n".join([
+        f"### `{effect.name}`\n", f"{effect.mechanism[0].upper()}{effect.mechanism[1:]}. {words}\n", *rows, "",
+        f"Equation `{effect.equation}`, {' and '.join(effect.rigs)} rigs. Revealed by: {effect.experiment}.",
+        f"Easily confused with: {confused}. Source: {effect.reference}.\n",
+    ])  # fmt: skip
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

@@ -1,0 +1,48 @@
+"""Frictional memory: sliding friction answers late to a change of speed."""
+
+from __future__ import annotations
+
+from pneuid.effect import Effect, Expression, Parameter, Scope, State
+from pneuid.physics.friction import FrictionLaw
+from pneuid.physics.lag import vanishing_lag
+from pneuid.rig import Rig
+
+_SOURCE = (
+    "Hess, Soom, ASME J. Tribology 112 (1990) 147 (delay 3 to 9 ms); Armstrong-Helouvry, Dupont, Canudas de Wit, "
+    "Automatica 30 (1994) 1083 (seven-parameter model, frictional memory)"
+)
+_SHORTEST = 2.0e-3
+"""Delay in s above which the lag is a plain first-order one."""
+
+
+class FrictionLag(Effect):
+    """The Stribeck curve is read at ``v`` delayed by ``tau_L``: ``g(v_l)``, first-order lag, in place of ``g(v)``.
+
+    Typical: 1 to 50 ms, longer with thicker oil.
+    """
+
+    name = "friction_lag"
+    mechanism = (
+        "the oil film needs time to grow or shrink after a change of speed, so friction lags behind its steady curve"
+    )
+    equation = "friction"
+    reference = _SOURCE
+    experiment = "sines of speed around the Stribeck velocity without reversal, at several frequencies"
+    confused_with = ("friction_dwell", "valve_lag", "line_delay")
+    guarantees = ("dissipative",)
+    laws = ("lugre", "stribeck")
+    states = (State("v_lagged", "m/s", 0.0, 0.1, 1e-2),)
+
+    def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
+        """The delay."""
+        return (Parameter("tau_L", "τ_L", "s", 0.0, 0.5, 0.0, 3e-3, _SOURCE, off=0.0),)
+
+    def stribeck_speed(self, v: Expression, scope: Scope) -> Expression:
+        """The delayed speed; the bristle itself moves with the piston."""
+        weight, _ = vanishing_lag(scope.p.tau_L, _SHORTEST)
+        return v - weight * (scope.v - scope.state.v_lagged)
+
+    def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
+        """The delayed speed follows the speed."""
+        _, time_constant = vanishing_lag(scope.p.tau_L, _SHORTEST)
+        return {"v_lagged": (scope.v, time_constant)}

@@ -1,0 +1,59 @@
+"""Friction that falls while it dissipates power: warming grease and run-in."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+
+from pneuid.effect import Effect, Expression, Parameter, Scope, State
+from pneuid.physics.friction import Coefficients, FrictionLaw
+from pneuid.rig import Rig
+
+_SOURCE = (
+    "Armstrong-Helouvry, Control of Machines with Friction (Kluwer 1991), chapter 4 (friction falling with use); "
+    "lumped heat balance: Bittencourt, Wernholt, ASME J. Dynamic Systems 134 (2012) 051013 (friction and temperature)"
+)
+_SPEED = 0.1
+"""Speed in m/s at which the reference power is dissipated."""
+
+_LARGEST_FALL = 4.0
+"""Fall of the logarithm of friction beyond which it stays (2 % are left)."""
+
+
+class FrictionWarmup(Effect):
+    """``Fc, Fs, sigma2`` times ``exp(-w q)``, ``dq/dt = (F v / P0 - q) / tau`` the dissipated power averaged over ``tau``.
+
+    ``P0`` is the power of the rig's typical friction (a tenth of the force at one bar, at least 3 N) at 0.1 m/s, so that
+    ``w`` is the relative fall that such use causes. Typical: friction falls by 10 to 50 % over minutes.
+    """
+
+    name = "friction_warmup"
+    mechanism = (
+        "friction heats seal and grease, whose viscosity falls, and runs the surfaces in, so friction falls with use"
+    )
+    equation = "friction"
+    reference = _SOURCE
+    experiment = "one long run of equal strokes from a cold start"
+    confused_with = ("friction_dwell", "friction_pressure")
+    guarantees = ("dissipative",)
+    states = (State("warmth", "1", 0.0, 1.0, 1.0),)
+
+    def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
+        """Fall of the logarithm of friction at the reference power, and the time over which power is averaged."""
+        return (
+            Parameter("w_warm", "w", "1", 0.0, 10.0, 0.0, 0.05, _SOURCE, off=0.0),
+            Parameter("tau_warm", "τ_w", "s", 0.2, 7200.0, 20.0, 1.0, _SOURCE, positive=True, prior=1.5),
+        )
+
+    def coefficients(self, k: Coefficients, scope: Scope) -> Coefficients:
+        """Scale all levels of sliding friction alike."""
+        # a solver's trial point may be colder than cold, or so warm that no friction would be left
+        fall = ca.fmin(scope.p.w_warm * ca.fmax(scope.state.warmth, 0.0), _LARGEST_FALL)
+        factor = ca.exp(-fall)
+        return replace(k, Fc=k.Fc * factor, Fs=k.Fs * factor, sigma2=k.sigma2 * factor)
+
+    def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
+        """The average follows the power dissipated."""
+        typical = _SPEED * ca.fmax(3.0, 1e4 * scope.rig.A1)
+        return {"warmth": (scope.friction * scope.v / typical, scope.p.tau_warm)}

@@ -1,0 +1,59 @@
+"""A cylinder body that moves on an elastic mount."""
+
+from __future__ import annotations
+
+from pneuid.effect import Effect, Expression, Parameter, Scope, State, integrated
+from pneuid.physics import motion
+from pneuid.physics.friction import FrictionLaw
+from pneuid.rig import Rig
+
+_SOURCE = "Den Hartog, Mechanical Vibrations (4th ed., McGraw-Hill 1956), section 3.2 (two degrees of freedom)"
+
+
+class MountingCompliance(Effect):
+    """Body of mass ``m/mu`` on a mount of natural frequency ``w`` and damping ratio ``zeta``; ``x`` is relative to the body.
+
+    The body's displacement is ``mu q`` with ``q'' = -R/m - w^2 q - 2 zeta w q'`` and ``R`` the force of air and friction on
+    the piston; the load feels ``-m mu q''``. Typical: mu 0.1 to 1, w 60 to 400 rad/s (10 to 60 Hz), zeta 0.02 to 0.2.
+    """
+
+    name = "mounting_compliance"
+    mechanism = "the cylinder body sits on a soft mount or frame and recoils when the load is accelerated"
+    equation = "force"
+    reference = _SOURCE
+    experiment = "fast reversals: steps or a sweep over the mount's natural frequency"
+    confused_with = ("load_mass", "backlash")
+    rigs = ("servo",)
+    states = (State("recoil", "m", 0.0, 2e-3, 1e-3), State("recoil_speed", "m/s", 0.0, 0.2, 5e-2))
+
+    def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
+        """Moving mass over body mass, natural frequency and damping ratio of the body on its mount."""
+        return (
+            Parameter("mu_mount", "μ", "1", 0.0, 5.0, 0.0, 0.1, _SOURCE, off=0.0),
+            Parameter("w_mount", "ω", "rad/s", 20.0, 600.0, 120.0, 1.0, _SOURCE, positive=True, prior=1.0),
+            Parameter("zeta_mount", "ζ", "1", 0.01, 1.0, 0.08, 1.0, _SOURCE, positive=True, prior=1.0),
+        )
+
+    def _pull(self, scope: Scope) -> Expression:
+        """Acceleration of ``q`` by the mount alone, m/s^2."""
+        w, q, speed = scope.p.w_mount, scope.state.recoil, scope.state.recoil_speed
+        return -w * w * q - 2.0 * scope.p.zeta_mount * w * speed
+
+    def _driving(self, scope: Scope) -> Expression:
+        """Force of air and friction on the piston, N."""
+        rig = scope.rig
+        return motion.pressure_force(scope.p1, scope.p2, rig.A1, rig.A2, rig.patm) - scope.friction
+
+    def force(self, force: Expression, scope: Scope) -> Expression:
+        """Add the inertia force of the load in the moving frame."""
+        return force + scope.p.mu_mount * (self._driving(scope) - scope.mass * self._pull(scope))
+
+    def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
+        """The body on its mount, driven by the reaction; its damping is taken exactly."""
+        w = scope.p.w_mount
+        damping = 2.0 * scope.p.zeta_mount * w
+        target = (-self._driving(scope) / scope.mass - w * w * scope.state.recoil) / damping
+        return {
+            "recoil": integrated(scope.state.recoil, scope.state.recoil_speed),
+            "recoil_speed": (target, 1.0 / damping),
+        }

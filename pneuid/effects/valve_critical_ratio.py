@@ -1,0 +1,31 @@
+"""A critical pressure ratio other than the rig file says."""
+
+from __future__ import annotations
+
+from pneuid.effect import Effect, Expression, Parameter, Scope
+from pneuid.physics.friction import FrictionLaw
+from pneuid.rig import Rig
+
+_SOURCE = "ISO 6358-1:2013, eq. (2) and clause 3 (critical back-pressure ratio b)"
+
+
+class ValveCriticalRatio(Effect):
+    """The critical pressure ratio ``b`` of the valve becomes a fitted parameter."""
+
+    name = "valve_critical_ratio"
+    mechanism = "flow through the valve chokes at another pressure ratio than the rig file says"
+    equation = "flow_1"
+    reference = _SOURCE
+    experiment = "steps of many sizes, with chambers near supply pressure and near atmosphere"
+    confused_with = ("exhaust_restriction", "supply_droop")
+    rigs = ("servo",)
+
+    def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
+        """The ratio, off at the rig's own value; spool valves have 0.15 to 0.5."""
+        b = rig.critical_ratio
+        low, high = min(0.02, 0.5 * b), max(0.8, 0.5 * (1.0 + b))
+        return (Parameter("critical_ratio", "b", "1", low, high, b, 0.05, _SOURCE, off=b),)
+
+    def critical_ratio(self, b: Expression, scope: Scope) -> Expression:
+        """Shift the valve's ratio by the difference to the rig file's."""
+        return b + (scope.p.critical_ratio - scope.rig.b)

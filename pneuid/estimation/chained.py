@@ -1,0 +1,96 @@
+"""The multiple-shooting problem with its intervals chained to long windows: a path that is continuous by construction.
+
+Where a break-away makes the step from the relaxed nodes to hard continuity too long, the solver can walk along paths that
+are continuous already: every window is simulated from its first node, and what varies are the parameters and those few
+first nodes. With one window a run there is nothing left to close; a cut where a slip happens at the wrong time lets the
+parameters move until it happens at the right one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+
+import casadi as ca
+import numpy as np
+
+from pneuid.estimation.shooting import THREADS, Evaluation, Shooting
+
+
+class Chained(Shooting):
+    """``base`` with its intervals chained; a new window starts with every run and after every interval of ``cuts``.
+
+    Same parameters, data and interval function; ``nint`` and the nodes count windows. Nothing links the windows.
+    """
+
+    def __init__(self, base: Shooting, cuts: Sequence[int] = ()) -> None:
+        self.__dict__.update(vars(copy(base)))
+        self.__dict__.pop("priors", None)  # belongs to the nodes of the short intervals
+        self.base = base
+        run_ends = base.first[1:]
+        self.starts = np.unique(np.concatenate([base.first[:-1], np.asarray(cuts, dtype=int) + 1]))
+        self.starts = self.starts[self.starts < base.nint]
+        self.lengths = np.diff(np.append(self.starts, base.nint))
+        self.nint = int(self.starts.size)
+        self.first = np.concatenate([[0], np.searchsorted(self.starts, run_ends)]).astype(int)
+        self.size = self.nq + self.ns * self.nint
+        self.linked = np.zeros(0, dtype=int)
+        self._mapped: dict[int, ca.Function] = {}
+
+    def from_base(self, X: np.ndarray) -> np.ndarray:
+        """Variables of this problem from those of ``base``."""
+        q, nodes = self.base.split(X)
+        return self.join(q, nodes[:, self.starts])
+
+    def to_base(self, X: np.ndarray) -> np.ndarray:
+        """Variables of ``base``, with nodes on the simulated path."""
+        path, _, _ = self._path(X)
+        return self.base.join(X[: self.nq], path)
+
+    def evaluate_values(self, X: np.ndarray) -> tuple[np.ndarray, float]:
+        """Physical end states ``(ns, nint)`` and the data cost ``sum r^2 / 2``."""
+        _, end, cost = self._path(X)
+        return end, cost
+
+    def evaluate(self, X: np.ndarray) -> Evaluation:
+        """End states, sensitivities and Gram blocks of the windows, by the chain rule from those of the intervals."""
+        path, end, _ = self._path(X)
+        parts = self.base.evaluate(self.base.join(X[: self.nq], path))
+        nq, ns, width = self.nq, self.ns, self.nq + self.ns
+        # derivative of [q, interval's first state, 1] with respect to [q, window's first state, 1]
+        inward = np.zeros((self.base.nint, width + 1, width + 1))
+        inward[:, np.arange(nq), np.arange(nq)] = 1.0
+        inward[:, width, width] = 1.0
+        state, window = inward[:, nq:width, :width], np.zeros((self.nint, ns, width))
+        across, shared = parts.sensitivity[:, :, nq:], parts.sensitivity[:, :, :nq]
+        for k, (first, length) in enumerate(zip(self.starts, self.lengths, strict=True)):
+            moved = np.hstack([np.zeros((ns, nq)), np.eye(ns)])
+            for i in range(first, first + length):
+                state[i] = moved
+                moved = across[i] @ moved
+                moved[:, :nq] += shared[i]
+            window[k] = moved
+        chained = inward.transpose(0, 2, 1) @ parts.gram @ inward
+        return Evaluation(end, window, np.add.reduceat(chained, self.starts, axis=0))
+
+    def _path(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """State at the start of every interval ``(ns, base.nint)``, at every window's end ``(ns, nint)``, data cost."""
+        q, nodes = self.split(X)
+        theta = self.theta(q)
+        state, cost = nodes.copy(), 0.0
+        path = np.empty((self.ns, self.base.nint))
+        data = self.data.reshape(self.data.shape[0], self.base.nint, self.samples)
+        for j in range(int(self.lengths.max())):
+            going = np.flatnonzero(self.lengths > j)
+            at = self.starts[going] + j
+            path[:, at] = state[:, going]
+            columns = data[:, at].reshape(data.shape[0], -1)
+            moved, part = self._values(going.size)(state[:, going], columns, theta[:, going])
+            state[:, going] = np.asarray(moved)
+            cost += 0.5 * float(ca.sum2(part))
+        return path, state, cost
+
+    def _values(self, count: int) -> ca.Function:
+        if count not in self._mapped:
+            self._mapped[count] = self.function.values.map(count, "thread", THREADS)
+        return self._mapped[count]

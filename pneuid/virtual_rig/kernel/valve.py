@@ -1,0 +1,155 @@
+"""The valve: spool, metering edges, ISO 6358 orifices, leaks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pneuid.virtual_rig import layout as at
+from pneuid.virtual_rig.kernel.compiled import compiled
+
+Array = NDArray[np.float64]
+
+PATCH_FROM = 0.999  # pressure ratio above which the flow is linear in the pressure difference
+PLAY_RADIUS = (0.42, 0.98, 1.956)  # widths of the three plays over the hysteresis' half width
+PLAY_WEIGHT = (0.40, 0.35, 0.25)  # their weighted mean width is 1
+
+
+@compiled
+def orifice(
+    conductance: float,
+    critical: float,
+    patch: float,
+    power: float,
+    here: float,
+    there: float,
+    t_here: float,
+    t_there: float,
+    par: Array,
+) -> float:
+    """ISO 6358 mass flow [kg/s] from ``here`` to ``there`` (absolute Pa); negative when it turns."""
+    if conductance <= 0.0:
+        return 0.0
+    if here >= there:
+        up, down, t_up, sign = here, there, t_here, 1.0
+    else:
+        up, down, t_up, sign = there, here, t_there, -1.0
+    ratio = down / up
+    if ratio <= critical:
+        psi = 1.0
+    elif ratio < PATCH_FROM:
+        part = (ratio - critical) / (1.0 - critical)
+        psi = math.sqrt(1.0 - part * part) if power == 0.5 else (1.0 - part * part) ** power
+    else:
+        psi = patch * (1.0 - ratio)
+    flow = sign * conductance * par[at.REFERENCE_FLOW] * up * psi
+    if t_up != par[at.TEMPERATURE]:
+        flow *= math.sqrt(par[at.TEMPERATURE] / t_up)
+    return flow
+
+
+@compiled
+def leak(fraction: float, here: float, there: float, t_here: float, t_there: float, par: Array) -> float:
+    """Sharp-edged leak [kg/s] whose sonic conductance is a fraction of the valve's."""
+    b = par[at.S_LEAK_CRITICAL]
+    part = (PATCH_FROM - b) / (1.0 - b)
+    patch = math.sqrt(1.0 - part * part) / (1.0 - PATCH_FROM)
+    return orifice(fraction * par[at.CONDUCTANCE], b, patch, 0.5, here, there, t_here, t_there, par)
+
+
+@compiled
+def edge(travel: float, overlap: float) -> float:
+    """Opening of one metering edge at a positive travel towards it; overlapped lands open rounded."""
+    if overlap == 0.0:
+        return min(travel, 1.0)
+    beyond = travel - overlap
+    rounding = 0.6 * overlap
+    if beyond <= -rounding:
+        return 0.0
+    if beyond < rounding:
+        return min((beyond + rounding) ** 2 / (4.0 * rounding), 1.0)
+    return min(beyond, 1.0)
+
+
+@compiled
+def spool_travel(spool: float, y: Array, par: Array) -> float:
+    """Travel of the spool as a fraction of full scale, after hysteresis, offset and unequal gain."""
+    travel = (spool - par[at.NULL]) / par[at.FULL_SCALE]
+    if par[at.H_HYSTERESIS] != 0.0:
+        command, travel = travel, 0.0
+        for i in range(3):
+            half = PLAY_RADIUS[i] * par[at.H_HYSTERESIS]
+            travel += PLAY_WEIGHT[i] * min(max(y[at.PLAY_0 + i], command - half), command + half)
+    travel += par[at.H_OFFSET]
+    return travel * (1.0 + math.copysign(par[at.H_ASYMMETRY], travel))
+
+
+@compiled
+def take_up_play(spool: float, y: Array, par: Array) -> None:
+    """Let the plays of the hysteresis follow the spool command [V]."""
+    command = (spool - par[at.NULL]) / par[at.FULL_SCALE]
+    for i in range(3):
+        half = PLAY_RADIUS[i] * par[at.H_HYSTERESIS]
+        y[at.PLAY_0 + i] = min(max(y[at.PLAY_0 + i], command - half), command + half)
+
+
+@compiled
+def openings(travel: float, par: Array) -> tuple[float, float, float, float]:
+    """Openings of the edges supply to 1, 1 to exhaust, supply to 2, 2 to exhaust, as fractions of full."""
+    lap = par[at.H_LAP]
+    fill_1 = vent_2 = fill_2 = vent_1 = 0.0
+    if travel > 0.0:
+        fill_1, vent_2 = edge(travel, 1.08 * lap), edge(travel, 0.90 * lap)
+    elif travel < 0.0:
+        fill_2, vent_1 = edge(-travel, 0.97 * lap), edge(-travel, 1.05 * lap)
+    clearance = par[at.H_NULL_LEAK]
+    if clearance != 0.0:
+        # A land that covers its port still passes gas through the clearance, the less the further it covers.
+        covered = clearance / (1.0 + abs(travel) / clearance)
+        opened = math.sqrt(travel * travel + clearance * clearance) - abs(travel)
+        if travel >= 0.0:
+            fill_1, vent_2, fill_2, vent_1 = fill_1 + opened, vent_2 + opened, covered, covered
+        else:
+            fill_2, vent_1, fill_1, vent_2 = fill_2 + opened, vent_1 + opened, covered, covered
+    return fill_1, vent_1, fill_2, vent_2
+
+
+@compiled
+def valve_flows(
+    spool: float, port_1: float, port_2: float, ps: float, exhaust: float, y: Array, par: Array
+) -> tuple[float, float, float, float]:
+    """Mass flows [kg/s] through the four edges: supply to 1, 1 to exhaust, supply to 2, 2 to exhaust."""
+    o1, e1, o2, e2 = openings(spool_travel(spool, y, par), par)
+    c, ambient = par[at.CONDUCTANCE], par[at.TEMPERATURE]
+    if par[at.H_SUPPLY_GAIN] != 0.0:
+        c *= 1.0 + par[at.H_SUPPLY_GAIN] * (ps - par[at.PATM] - par[at.S_SUPPLY_REF]) / par[at.S_SUPPLY_REF]
+    warm = ambient + y[at.WARMING]
+    b, patch, power = par[at.CRITICAL], par[at.PSI_PATCH], par[at.PSI_POWER]
+    fill_1 = orifice(c * o1, b, patch, power, ps, port_1, warm, y[at.T1], par)
+    fill_2 = orifice(c * o2, b, patch, power, ps, port_2, warm, y[at.T2], par)
+    b, patch = par[at.CRITICAL_VENT], par[at.PSI_PATCH_VENT]
+    vent_1 = orifice(c * e1, b, patch, power, port_1, exhaust, y[at.T1], ambient, par)
+    vent_2 = orifice(c * e2, b, patch, power, port_2, exhaust, y[at.T2], ambient, par)
+    return fill_1, vent_1, fill_2, vent_2
+
+
+@compiled
+def supply_and_exhaust_rates(
+    fills: float, vents: float, ps: float, supply: float, y: Array, par: Array, dy: Array
+) -> None:
+    """Rates of the pressures in front of the valve and behind its exhaust ports, and of the supply's warming."""
+    ambient = par[at.TEMPERATURE]
+    if par[at.H_DROOP] != 0.0:
+        feed = 0.0  # the regulator does not relieve
+        if supply > ps:
+            c = par[at.CONDUCTANCE] / par[at.H_DROOP]
+            feed = orifice(c, par[at.CRITICAL], par[at.PSI_PATCH], par[at.PSI_POWER], supply, ps, ambient, ambient, par)
+        dy[at.PSUP] = 1.1 * par[at.GAS_RT] / par[at.S_TANK] * (feed - fills)
+    if par[at.H_EXHAUST] != 0.0:
+        out = leak(1.0 / par[at.H_EXHAUST], y[at.PEXH], par[at.PATM], ambient, ambient, par)
+        dy[at.PEXH] = par[at.GAS_RT] / (2.0 * par[at.S_PORT_VOLUME]) * (vents - out)
+    if par[at.H_SUPPLY_HEAT] != 0.0:
+        full = par[at.CONDUCTANCE] * par[at.REFERENCE_FLOW] * supply
+        dy[at.WARMING] = (par[at.H_SUPPLY_HEAT] * min(max(fills, 0.0) / (0.1 * full), 1.0) - y[at.WARMING]) / 3.0

@@ -1,0 +1,134 @@
+"""What the reading process does: recordings, their heads, rig files; everything comes back ready to be shown."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pneuid.errors import UserError
+from pneuid.formats import FileLayout, read_table
+from pneuid.plausibility import check_recordings
+from pneuid.recording import REQUIRED, Recording
+from pneuid.report.style import axis_label, shown
+from pneuid.rig import Rig
+from pneuid.workbench.payload import Channel, RawPreview, RunData
+
+LARGE_TEXT = 8 * 2**20
+"""Size in bytes above which a text file is shown thinned while the whole of it is being checked."""
+
+PREVIEW_SAMPLES = 8000
+HEAD_ROWS = 6
+
+
+def check_rig(text: str) -> None:
+    """Raises ``UserError`` for a rig.toml that cannot be used."""
+    rig_of(text)
+
+
+def rig_of(text: str) -> Rig:
+    """The rig that ``text`` describes. Raises ``UserError``."""
+    try:
+        raw = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(f"rig.toml: not valid TOML: {' '.join(str(error).split())}") from error
+    return Rig.from_dict(raw, where="rig.toml")
+
+
+def read_run(path: Path, rig_text: str) -> RunData:
+    """The recording, checked as every command checks it. Raises ``UserError``."""
+    rig = rig_of(rig_text)
+    run = Recording.read(path, rig)
+    return run_data(run, rig)
+
+
+def run_data(run: Recording, rig: Rig, preview: bool = False) -> RunData:
+    """A recording as it is shown: recorded signals in display units, pressures gauge."""
+    channels = {
+        name: Channel(axis_label(name), np.asarray(shown(name, run.signals[name], rig.patm), dtype=np.float32))
+        for name in rig.known_signals
+        if name in run.recorded
+    }
+    return RunData(run.name, run.t, channels, run.n, run.rate, run.notes, preview)
+
+
+def preview_run(path: Path, rig_text: str) -> RunData | None:
+    """Every k-th line of a large text file, for the first look; None where there is no shortcut."""
+    if path.suffix.lower() not in (".csv", ".txt", ".dat") or path.stat().st_size < LARGE_TEXT:
+        return None
+    rig = rig_of(rig_text)
+    lines = path.read_bytes().split(b"\n")
+    head = rig.files.skip_rows + int(rig.files.header)
+    every = max(1, (len(lines) - head) // PREVIEW_SAMPLES)
+    with tempfile.TemporaryDirectory() as folder:
+        thin = Path(folder) / path.name
+        thin.write_bytes(b"\n".join([*lines[:head], *lines[head : len(lines) - 1 : every]]))
+        try:
+            run = Recording.read(thin, rig)
+        except UserError:
+            # the whole file will be refused with the right row number in a moment
+            return None
+    return run_data(run, rig, preview=True)
+
+
+def check_upload(path: Path, rig_text: str | None) -> str:
+    """Whether an upload is a recording: empty when it can be used, else what is to be mapped or mended first.
+
+    Raises ``UserError`` for a file that is no table of numbers at all, or one whose rows are broken.
+    """
+    layout = rig_of(rig_text).files if rig_text is not None else FileLayout()
+    table = read_table(path, layout)
+    numeric = [name for name in table.frame.columns if table.frame[name].dtype != object]
+    mixed = [name for name in table.frame.columns if name not in numeric and _some_number(table.frame[name])]
+    if len(numeric) + len(mixed) < 2:
+        raise UserError(f"{path.name}: not a recording: it holds no two columns of numbers; give one column per signal")
+    if rig_text is None:
+        return "there is no rig.toml yet; describe the rig first"
+    try:
+        Recording.read(path, rig_of(rig_text))
+    except UserError as error:
+        if mixed:
+            raise
+        return str(error)
+    return ""
+
+
+def _some_number(column: object) -> bool:
+    def number(cell: object) -> bool:
+        try:
+            float(str(cell))
+        except ValueError:
+            return False
+        return True
+
+    return any(number(cell) for cell in list(column)[:1000])  # type: ignore[call-overload]
+
+
+def raw_head(path: Path, rig_text: str | None) -> RawPreview:
+    """The head of a file as it stands, and the mapping that the rig states. Raises ``UserError``."""
+    rig = rig_of(rig_text) if rig_text is not None else None
+    table = read_table(path, rig.files if rig else FileLayout())
+    columns = tuple(str(name) for name in table.frame.columns)
+    rows = tuple(tuple(f"{cell:.7g}" if isinstance(cell, float) else str(cell) for cell in row)
+                 for row in table.frame.head(HEAD_ROWS).itertuples(index=False))  # fmt: skip
+    units = {str(name): unit for name, unit in table.units.items()}
+    known = rig.known_signals if rig else ("t", "u", "x", "v", "p1", "p2", "psup", "F")
+    mapped = {name: (str(source.column), source.unit or "") for name, source in (rig.columns if rig else {}).items()}
+    for name in known:
+        if name not in mapped and name in columns:
+            mapped[name] = (name, "")
+    return RawPreview(path.name, columns, units, rows, known, REQUIRED[rig.kind] if rig else (), mapped)
+
+
+def doubts(paths: Sequence[Path], rig_text: str) -> tuple[str, ...]:
+    """What an experienced eye would doubt in these recordings taken together, a sentence each; unusable ones left out."""
+    rig = rig_of(rig_text)
+    runs = []
+    for path in paths:
+        with contextlib.suppress(UserError):
+            runs.append(Recording.read(path, rig))
+    return tuple(finding.line for finding in check_recordings(rig, runs))

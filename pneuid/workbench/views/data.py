@@ -1,0 +1,189 @@
+"""Data: the runs of the project, their roles, what they look like, and what is doubtful about them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nicegui import ui
+from nicegui.events import UploadEventArguments
+
+from pneuid.errors import UserError
+from pneuid.workbench.look import Ink
+from pneuid.workbench.payload import RunData
+from pneuid.workbench.traces import Line, Row, stack
+from pneuid.workbench.views import mapping
+from pneuid.workbench.views.parts import note, zoomable
+
+_ROLES = {"train": "train", "hold_out": "held out", "unused": "not used"}
+
+
+def build(page: Any) -> None:
+    """Draw the view."""
+    bench = page.bench
+    with ui.row().classes("w-full no-wrap gap-3 items-start"):
+        with ui.column().classes("gap-3").style("width:410px;flex:none"):
+            _runs(page)
+            _upload(page)
+            _rig(page)
+        with ui.column().classes("grow gap-3").style("min-width:0"):
+            for name, message in bench.refused.items():
+                with ui.row().classes("panel warning w-full items-center no-wrap"):
+                    ui.label(f"{name} was refused. {message}").classes("grow").props('data-testid="refused"')
+                    ui.button(icon="close", on_click=lambda _, name=name: _dismiss(page, name)).props(
+                        'flat dense round aria-label="dismiss"'
+                    )
+            if bench.doubts:
+                with ui.expansion(
+                    f"Look at this first: {len(bench.doubts)} doubts about the recordings", value=True
+                ) as box:
+                    box.classes("panel warning w-full").style("padding:0").props('data-testid="doubts"')
+                    for doubt in bench.doubts:
+                        ui.label(doubt)
+            _shown_run(page)
+
+
+def _dismiss(page: Any, name: str) -> None:
+    page.bench.refused.pop(name, None)
+    page.bench.revision += 1
+
+
+def _chosen(page: Any) -> str:
+    names = [run.name for run in page.bench.files]
+    chosen = page.memory.get("run", "")
+    return chosen if chosen in names else (names[0] if names else "")
+
+
+def _runs(page: Any) -> None:
+    bench = page.bench
+    with ui.column().classes("panel w-full gap-1").props('data-testid="runs"'):
+        ui.label("Runs").classes("head")
+        if not bench.files:
+            ui.label("No recording yet: drop files below, or copy them into the project folder.").classes("soft")
+        for run in bench.files:
+            with ui.row().classes("run-row w-full items-center no-wrap gap-2") as row:
+                row.classes("chosen" if run.name == _chosen(page) else "")
+                row.props('tabindex="0"').on("click", lambda _, name=run.name: _choose(page, name))
+                row.on("keydown.enter", lambda _, name=run.name: _choose(page, name))
+                with ui.column().classes("gap-0 grow").style("min-width:0"):
+                    ui.label(run.name).classes("ellipsis").props('data-testid="run"')
+                    fault = bench.faults.get(run.name)
+                    label = ui.label(_state(bench, run.name, run.size)).classes("ellipsis soft")
+                    if fault:
+                        label.style("color:#d55e00").tooltip(fault)
+                role = ui.select(_ROLES, value=run.role, on_change=lambda e, name=run.name: _role(page, name, e.value))
+                role.props(f'dense borderless options-dense aria-label="role of {run.name}"').style("width:92px")
+                role.on("click.stop", lambda: None)
+
+
+def _state(bench: Any, name: str, size: int) -> str:
+    if name in bench.faults:
+        return "cannot be used: see the message"
+    run = bench.data.get(name)
+    if run is None:
+        return f"reading, {size / 2**20:.1f} MB" if bench.project.has_rig else "waiting for rig.toml"
+    if run.preview:
+        return f"first look, {size / 2**20:.1f} MB is being checked"
+    return f"{run.samples:,} samples, {run.t[-1]:.4g} s at {run.rate:.4g} Hz".replace(",", " ", run.samples >= 1000)
+
+
+def _choose(page: Any, name: str) -> None:
+    page.memory["run"] = name
+    page.memory.pop("data-span", None)
+    page.show("data")
+
+
+def _role(page: Any, name: str, role: str) -> None:
+    if page.attempt(page.bench.project.set_role, name, role):
+        page.bench.look()
+
+
+def _upload(page: Any) -> None:
+    bench = page.bench
+
+    async def arrived(event: UploadEventArguments) -> None:
+        name = event.file.name
+        try:
+            waiting = bench.project.incoming(name)
+            await event.file.save(waiting)
+        except UserError as error:
+            bench.refuse(name, str(error))
+            return
+        bench.uploaded(name, waiting)
+
+    def too_large() -> None:
+        bench.say(
+            f"refused: an upload may have {bench.limit / 2**20:.0f} MB; copy larger files into the project folder instead"
+        )
+
+    box = ui.upload(multiple=True, auto_upload=True, max_file_size=bench.limit, on_upload=arrived, on_rejected=too_large,
+                    label="Drop recordings here, or add with +")  # fmt: skip
+    box.props('flat bordered data-testid="upload"').classes("w-full").style("max-height:130px")
+
+
+def _rig(page: Any) -> None:
+    bench = page.bench
+    with ui.expansion("rig.toml" if bench.project.has_rig else "rig.toml: describe the rig", icon="architecture",
+                      value=not bench.project.has_rig).classes("panel w-full").style("padding:0"):  # fmt: skip
+        if bench.rig_fault:
+            note(bench.rig_fault, "warning")
+        text = ui.textarea(value=page.memory.get("rig", bench.project.rig_text())).props(
+            'outlined aria-label="rig.toml" input-style="font-family:monospace;font-size:13px;height:300px"'
+        )
+        text.classes("w-full").on_value_change(lambda e: page.memory.__setitem__("rig", e.value))
+
+        def save() -> None:
+            page.memory.pop("rig", None)
+            bench.save_rig(text.value)
+
+        ui.button("Check and save", on_click=save).props("no-caps")
+
+
+def _shown_run(page: Any) -> None:
+    bench = page.bench
+    name = _chosen(page)
+    with ui.column().classes("panel w-full gap-2"):
+        if not name:
+            ui.label("Nothing to show yet").classes("head")
+            return
+        with ui.row().classes("w-full items-center gap-2"):
+            ui.label(name).classes("head grow")
+            ui.button("Map columns", icon="view_column", on_click=lambda: mapping.ask(page, name)).props(
+                "flat no-caps dense"
+            )
+            ui.button("Put aside", icon="archive", on_click=lambda: _put_aside(page, name)).props("flat no-caps dense")
+        if name in bench.faults:
+            note(bench.faults[name], "warning", "fault")
+            return
+        run = bench.data.get(name)
+        if run is None:
+            with ui.row().classes("items-center"):
+                ui.spinner()
+                ui.label("reading the recording" if bench.project.has_rig else "describe the rig first").classes("soft")
+            return
+        if run.notes:
+            ui.label("; ".join(run.notes)).classes("soft")
+        ink = page.ink
+        whole = float(run.t[0]), float(run.t[-1])
+        key = f"{name} {run.preview}"
+
+        def figure(span: tuple[float, float] | None) -> dict[str, Any]:
+            page.memory["data-span"] = span
+            return _figure(run, ink, key, span)
+
+        zoomable(figure, whole, "calc(100vh - 190px)", "run-plot", page.memory.get("data-span"))
+
+
+def _figure(run: RunData, ink: Ink, key: str, span: tuple[float, float] | None) -> dict[str, Any]:
+    rows = tuple(
+        Row(channel.label, (Line("measured", channel.values, ink.measured, 1.2),)) for channel in run.channels.values()
+    )
+    figure = stack(run.t, rows, ink, key, span)
+    figure["layout"]["showlegend"] = False
+    figure["layout"]["margin"] |= {"t": 12}
+    return figure
+
+
+def _put_aside(page: Any, name: str) -> None:
+    if page.attempt(page.bench.project.remove, name):
+        page.bench.say(f"{name} moved to the folder 'removed' of the project", "info")
+        page.bench.look()

@@ -1,0 +1,116 @@
+"""What is missing: the verdict of a diagnosis, the ranking with its evidence, and the button that adds an effect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from nicegui import ui
+
+from pneuid.report.quantities import number, percent
+from pneuid.workbench.charts import ranking_chart
+from pneuid.workbench.views.parts import chart, live_job, model_choice
+
+_VERDICTS = {
+    "adequate": ("Nothing is missing above the noise.", "good"),
+    "effect": ("Missing: {effects}", "warning"),
+    "ambiguous": ("Missing: one of {effects}; these data cannot tell which.", "warning"),
+    "unknown": ("Something is missing that the catalogue does not hold.", "warning"),
+}
+
+
+def build(page: Any) -> None:
+    """Draw the view."""
+    bench = page.bench
+    found = bench.diagnosis()
+    running = bench.job is not None and not bench.job.over
+    with ui.row().classes("panel w-full items-center gap-3"):
+        if not bench.model:
+            ui.label("There is no model yet: fit one first.").classes("grow")
+        else:
+            model_choice(page)
+            ui.label("Tries every effect of the catalogue on this model and judges on the held-out runs.").classes(
+                "soft grow"
+            )
+        button = ui.button("Diagnose", icon="manage_search", on_click=lambda: page.attempt(bench.diagnose))
+        button.props('no-caps data-testid="diagnose"').set_enabled(bool(bench.model) and not running)
+    if running:
+        with ui.column().classes("panel w-full gap-1"):
+            ui.label("Progress").classes("head")
+            live_job(page, "210px")
+    if found is not None:
+        _diagnosis(page, found[0], found[1], running)
+
+
+def _diagnosis(page: Any, folder: str, found: Mapping[str, Any], running: bool) -> None:
+    words, kind = _VERDICTS.get(found["verdict"], (found["verdict"], "note"))
+    with ui.column().classes(f"panel {kind} w-full gap-1"):
+        text = (
+            ui.label(words.format(effects=", ".join(found["effects"]))).classes("head").props('data-testid="verdict"')
+        )
+        text.tooltip(f"{folder}/diagnosis.json")
+        for sentence in found.get("sentences", ()):
+            ui.label(sentence).classes("soft")
+        _unknown(found)
+    for name in found["effects"]:
+        _card(page, folder, name, running)
+    with ui.column().classes("panel w-full gap-1"):
+        ui.label("Ranking of the catalogue").classes("head")
+        rows = min(len(found["ranking"]), 12)
+        chart(ranking_chart(found, page.ink), f"{120 + 34 * rows}px", "ranking")
+        _groups(found)
+    _next_experiment(page, found)
+
+
+def _unknown(found: Mapping[str, Any]) -> None:
+    rest = found.get("unknown")
+    if rest:
+        where = ", ".join(rest["depends_on"]) or "no signal in particular"
+        ui.label(
+            f"Unexplained: {number(rest['rms'])} {rest['unit']} rms in equation {rest['equation']}, follows {where}"
+        )
+
+
+def _card(page: Any, folder: str, name: str, running: bool) -> None:
+    bench = page.bench
+    card = bench.cards.get(name)
+    with ui.row().classes("panel w-full items-center no-wrap gap-3"):
+        with ui.column().classes("grow gap-0"):
+            ui.label(name).classes("head")
+            if card is not None:
+                ui.label(card.mechanism)
+                ui.label(f"enters {card.equation}; revealed by: {card.experiment}; {card.reference}").classes("soft")
+        present = name in (bench.project.result(bench.model, "model.json") or {}).get("effects", ())
+        label = "in the model" if present else f"Add {name}"
+        button = ui.button(label, icon="check" if present else "add", on_click=lambda: _add(page, name, folder))
+        button.props(f'no-caps data-testid="add-{name}"').classes("shrink-0")
+        button.set_enabled(bool(bench.model) and not present and not running)
+
+
+def _add(page: Any, name: str, folder: str) -> None:
+    """Fit again with the effect, and show it happen."""
+    if page.attempt(page.bench.fit, (name,), page.bench.model, folder):
+        page.show("fit")
+
+
+def _groups(found: Mapping[str, Any]) -> None:
+    """Candidates that these data cannot tell from one another, each group once."""
+    groups = {frozenset([item["effect"], *item["indistinguishable_from"]]) for item in found["ranking"]
+              if item["indistinguishable_from"]}  # fmt: skip
+    for group in sorted(groups, key=sorted):
+        ui.label(f"Screening cannot tell apart: {', '.join(sorted(group))}").classes("soft")
+
+
+def _next_experiment(page: Any, found: Mapping[str, Any]) -> None:
+    plan = found.get("next_experiment")
+    if not plan:
+        return
+    with ui.row().classes("panel note w-full items-center"):
+        with ui.column().classes("grow gap-0"):
+            ui.label("Next experiment").classes("head")
+            ui.label(str(plan.get("why", "")))
+            if plan.get("power") is not None:
+                ui.label(f"expected to decide with a probability of {percent(float(plan['power']))}").classes("soft")
+        path = (page.bench.project.folder / str(plan.get("file", ""))).resolve()
+        if path.is_file() and path.is_relative_to(page.bench.project.folder):
+            ui.button("Download", icon="download", on_click=lambda: ui.download.file(path)).props("no-caps")

@@ -1,0 +1,255 @@
+"""Friction effects against closed forms, on the bench: the motion is imposed, so friction alone is seen."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+import pytest
+from helpers import RANGES, rig, step_function, values_of
+from hypothesis import given, settings
+from hypothesis import strategies as some
+from scipy.integrate import solve_ivp
+
+from pneuid import api
+from pneuid.effect import Effect
+from pneuid.effects import CATALOGUE, LAW_STEPS
+from pneuid.errors import UserError
+from pneuid.physics.friction import CARRIER_FREQUENCY, LAWS
+from pneuid.plant import Plant
+
+BASE = {"Fc": 12.0, "Fs": 20.0, "vs": 0.008, "sigma0": 4e5, "sigma1": 250.0, "sigma2": 45.0}
+
+
+@cache
+def plant_with(name: str, law: str = "lugre") -> Plant:
+    return Plant(rig("bench"), law, [CATALOGUE[name]])
+
+
+@cache
+def _functions(plant: Plant) -> tuple[ca.Function, ca.Function]:
+    s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
+    theta = ca.SX.sym("theta", len(plant.theta_names))
+    return step_function(plant), ca.Function("F", [s, w, theta], [plant.evaluate(s, w, theta).friction])
+
+
+def moved(
+    plant: Plant, v: np.ndarray, h: float, changes: dict[str, float], start: dict[str, float] | None = None
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Friction force ``(N,)`` and states under the imposed speed ``v (N,)`` sampled every ``h`` s, linear between."""
+    step, force = _functions(plant)
+    theta = plant.theta(values_of(plant, BASE | changes), RANGES)
+    given = {"v": v, "x": 0.25 + h * np.cumsum(v), "p1": 0 * v + 1.2e5, "p2": 0 * v + 1.2e5, "a": 0 * v}
+    w = np.vstack([given[name] for name in plant.inputs])
+    slope = np.diff(w, axis=1, append=w[:, -1:]) / h
+    s0 = np.array([{own.name: own.initial for own in plant.effect_states}.get(name, 0.0) for name in plant.states])
+    for name, value in (start or {}).items():
+        s0[plant.states.index(name)] = value
+    n = v.size - 1
+    path = np.column_stack([s0, np.asarray(step.mapaccum(n)(s0, w[:, :n], slope[:, :n], h, theta))])
+    found = np.asarray(force.map(v.size)(path, w, ca.repmat(ca.DM(theta), 1, v.size))).ravel()
+    return found, dict(zip(plant.states, path, strict=True))
+
+
+# --- nonlinear viscous friction ---
+
+
+@pytest.mark.parametrize("power", [0.4, 1.0, 2.0])
+def test_viscous_force_grows_with_the_power_of_the_speed(power):
+    plant = plant_with("friction_viscous_nonlinear")
+    theta = plant.theta(values_of(plant, BASE | {"d_viscous": power}), RANGES)
+    for v in (0.05, 0.1, 0.4, -0.4):
+        at = plant.evaluate([0.0], [0.25, v, 0.0, 1.2e5, 1.2e5], theta)
+        expected = 45.0 * v * (abs(v) / 0.1) ** (power - 1)
+        # the rounding below 1 mm/s reaches a few times 1e-4 at 50 mm/s
+        assert float(at.coefficients.sigma2) * v == pytest.approx(expected, rel=3e-4)
+
+
+# --- dwell ---
+
+DWELL = {"Fs_dwell": 15.0, "tau_dwell": 1.0, "slip_dwell": 5e-4}
+
+
+def break_away(hold: float, changes: dict[str, float], age: float = 0.0) -> float:
+    """Largest friction at the start of a 4 mm/s stroke after ``hold`` s at rest, from contacts of an ``age``."""
+    h = 5e-4
+    v = np.concatenate([np.zeros(round(hold / h)), np.linspace(0.0, 0.004, 20), np.full(100, 0.004)])
+    return float(moved(plant_with("friction_dwell"), v, h, changes, {"age": age})[0].max())
+
+
+def test_break_away_rises_with_the_time_at_rest_to_its_asymptote():
+    fresh, longest = break_away(0.0, DWELL), break_away(0.0, DWELL, age=1.0)
+    without = break_away(0.0, DWELL | {"Fs_dwell": 0.0})
+    # a stroke at half the Stribeck velocity shows exp(-1/4) of the surplus; it is being wiped out while it shows
+    assert without < fresh < without + 1.5
+    assert 0.6 * 15.0 * np.exp(-0.25) < longest - without < 15.0
+    rises = [(break_away(hold, DWELL) - fresh) / (longest - fresh) for hold in (0.25, 1.0, 2.5)]
+    assert rises == pytest.approx(1 - np.exp(-np.array([0.25, 1.0, 2.5])), abs=0.05)
+
+
+def test_sliding_wipes_the_age_out_over_the_slip_distance():
+    h, speed = 1e-4, 0.2
+    v = np.full(401, speed)
+    age = moved(plant_with("friction_dwell"), v, h, DWELL | {"tau_dwell": 1e4, "slip_dwell": 2e-3}, {"age": 1.0})[1][
+        "age"
+    ]
+    assert age[-1] == pytest.approx(np.exp(-speed * 400 * h / 2e-3), rel=1e-3)
+
+
+# --- warming up ---
+
+
+def test_friction_falls_by_the_power_it_dissipates():
+    plant = plant_with("friction_warmup")
+    h, v, tau, w = 1e-3, 0.2, 0.5, 0.05
+    force, states = moved(plant, np.full(4001, v), h, {"w_warm": w, "tau_warm": tau})
+    typical = 0.1 * max(3.0, 1e4 * plant.rig.A1)
+    cold = 12.0 + 45.0 * v
+
+    def warmth(_, q):
+        return [(cold * np.exp(-w * q[0]) * v / typical - q[0]) / tau]
+
+    expected = solve_ivp(warmth, (0.0, 4.0), [0.0], rtol=1e-9, t_eval=[1.0, 4.0]).y[0]
+    assert states["warmth"][[1000, 4000]] == pytest.approx(expected, rel=5e-3)
+    assert force[-1] == pytest.approx(cold * np.exp(-w * expected[-1]), rel=1e-3)
+    assert force[-1] < 0.9 * force[100]
+
+
+# --- frictional memory ---
+
+
+def phase_of(signal: np.ndarray, t: np.ndarray, omega: float) -> float:
+    return float(np.angle(np.sum((signal - signal.mean()) * np.exp(-1j * omega * t))))
+
+
+def test_sliding_friction_answers_late_to_a_change_of_speed():
+    # a small swing of speed around the Stribeck velocity, no reversal; the stiff bristle of a static law adds no delay
+    plant = plant_with("friction_lag", "stribeck")
+    h, omega, tau = 1e-4, 2 * np.pi * 4.0, 0.015
+    t = h * np.arange(round(3 * 2 * np.pi / omega / h) + 1)
+    v = 0.008 + 0.001 * np.sin(omega * t)
+    last = t >= t[-1] - 2 * np.pi / omega + h / 2
+    phases = {}
+    for delay in (0.0, tau):
+        force = moved(plant, v, h, {"tau_L": delay, "sigma2": 0.0})[0]
+        phases[delay] = phase_of(force[last], t[last], omega)
+    # v - c (v - y) with y the plain lag of time constant T: (1 + (T - tau) s) / (1 + T s)
+    T = np.hypot(tau, 2e-3)
+    expected = np.angle((1 + 1j * omega * (T - tau)) / (1 + 1j * omega * T))
+    assert phases[tau] - phases[0.0] == pytest.approx(expected, abs=0.01)
+    assert expected == pytest.approx(-np.arctan(omega * tau), abs=0.01)
+
+
+# --- Maxwell slip ---
+
+ELEMENT = {"W_element": 10.0, "d_element": 1e-4, "Fc": 1e-6, "Fs": 1e-6, "sigma1": 0.0, "sigma2": 0.0}
+
+
+def element_force(places: list[float], speed: float = 1e-3, changes: dict[str, float] | None = None) -> tuple:
+    """Position and friction force along straight moves between ``places`` in m, starting at 0."""
+    h = 2e-6 / speed
+    corners = np.concatenate([[0.0], places])
+    v = np.concatenate(
+        [np.full(max(round(abs(b - a) / 2e-6), 1), np.sign(b - a) * speed) for a, b in pairwise(corners)]
+    )
+    v = np.append(v, v[-1])
+    force, _ = moved(plant_with("friction_presliding_memory"), v, h, ELEMENT | (changes or {}))
+    # between samples the speed is linear, so a reversal takes one sample
+    x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * h)])
+    return x, force
+
+
+def test_the_element_is_elastic_then_slips_at_its_break_force():
+    x, force = element_force([4e-4])
+    k = 10.0 / 1e-4
+    assert force[20] == pytest.approx(k * x[20], rel=1e-3)
+    assert force[-1] == pytest.approx(10.0, rel=0.01)
+    # rounded at the corner alone
+    assert np.all(force <= np.minimum(k * x, 10.0) + 0.15)
+    assert np.all(force >= np.minimum(k * x, 10.0) - 0.9)
+
+
+def test_branches_are_the_doubled_virgin_curve_and_close_at_the_turning_point():
+    virgin_x, virgin = element_force([3e-4])
+    x, force = element_force([3e-4, -3e-4, 3e-4])
+    turn = int(np.argmax(x[: x.size // 2]))
+    down = slice(turn + 1, int(np.argmin(x)))
+    # Masing: F(x) = F_turn - 2 virgin((x_turn - x) / 2); the corner of this rounded element is not doubled
+    expected = force[turn] - 2 * np.interp(0.5 * (x[turn] - x[down]), virgin_x, virgin)
+    assert np.abs(force[down] - expected).max() < 0.1 * 10.0
+    assert np.sqrt(np.mean((force[down] - expected) ** 2)) < 0.03 * 10.0
+    assert force[-1] == pytest.approx(force[turn], rel=2e-3)
+
+
+def test_an_inner_loop_returns_to_the_point_it_left():
+    # sticking memory beyond the last reversal: a small loop leaves no trace
+    x, force = element_force([6e-5, 3e-5, 6e-5, 2e-4])
+    plain_x, plain = element_force([2e-4])
+    after = x > 7e-5
+    assert np.abs(force[after] - np.interp(x[after], plain_x, plain)).max() < 0.02 * 10.0
+
+
+def test_the_element_does_not_depend_on_the_speed_or_the_step():
+    _, slow = element_force([3e-4, -1e-4, 2e-4], speed=1e-4)
+    _, fast = element_force([3e-4, -1e-4, 2e-4], speed=1e-2)
+    np.testing.assert_allclose(slow, fast, atol=0.02 * 10.0)
+    # one coarse step over many break displacements ends at the break force, not beyond
+    force, _ = moved(plant_with("friction_presliding_memory"), np.full(60, 0.5), 1e-3, ELEMENT)
+    assert force[30:] == pytest.approx(10.0, rel=0.01)
+
+
+@settings(max_examples=25, deadline=None)
+@given(some.lists(some.floats(-4e-4, 4e-4), min_size=1, max_size=5), some.floats(2e-5, 2e-4))
+def test_from_rest_the_element_only_takes_energy(places, d):
+    x, force = element_force([round(place / 2e-6) * 2e-6 + 1e-6 for place in places], changes={"d_element": d})
+    work = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(x))])
+    assert work.min() >= -1e-9 * 10.0
+
+
+# --- richer laws ---
+
+
+@pytest.mark.parametrize("simple", LAWS)
+@pytest.mark.parametrize("step", LAW_STEPS.values(), ids=lambda step: step.name)
+def test_a_step_leads_to_its_law_or_is_refused(step: Effect, simple: str):
+    if simple in step.laws or simple == step.richer_law:
+        assert api.plant_of(rig(), [step.name], (), simple).law.name == step.richer_law
+        assert api.plant_of(rig(), [step.name], (), simple).effects == ()
+    else:
+        with pytest.raises(UserError, match=f"'{step.name}' leads from"):
+            api.plant_of(rig(), [step.name], (), simple)
+
+
+@pytest.mark.parametrize("kind", ["servo", "bench"])
+@pytest.mark.parametrize("step", LAW_STEPS.values(), ids=lambda step: step.name)
+def test_a_step_starts_every_coefficient_that_the_simple_law_lacks(step: Effect, kind: str):
+    stand = rig(kind)
+    for simple in step.laws:
+        plant, richer = Plant(stand, simple), Plant(stand, str(step.richer_law))
+        values = values_of(plant)
+        start = values | step.law_start(values, {}, stand)
+        bounds = {item.name: item for item in richer.parameters}
+        # the Stribeck velocity keeps its declared start
+        assert set(richer.law.fitted) - set(start) <= {"vs"}
+        for name in set(start) & set(bounds):
+            assert bounds[name].lower <= start[name] <= bounds[name].upper, name
+
+
+def test_the_screened_amplitudes_are_the_richer_laws_coefficients():
+    stand = rig()
+    soft = LAW_STEPS["law:lugre"]
+    carrier = stand.mass * CARRIER_FREQUENCY**2
+    start = soft.law_start({"Fc": 10.0}, {"compliance_lugre": 1 / 4e5 - 1 / carrier, "dFs_lugre": 6.0}, stand)
+    assert start["sigma0"] == pytest.approx(4e5) and start["Fs"] == pytest.approx(16.0)
+    # the screening form has that very stiffness
+    plant = Plant(stand, "coulomb", [soft])
+    theta = plant.theta(values_of(plant, {"compliance_lugre": 1 / 4e5 - 1 / carrier}), RANGES)
+    at = plant.evaluate([0.2, 0.0, 2e5, 2e5, 0.0], [0.0, 7e5], theta)
+    assert float(at.coefficients.sigma0) == pytest.approx(4e5)
+
+
+def test_an_effect_that_a_law_cannot_show_is_refused():
+    with pytest.raises(UserError, match=r"friction_lag.*lugre or stribeck"):
+        api.plant_of(rig(friction="coulomb"), ["friction_lag"])

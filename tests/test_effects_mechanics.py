@@ -1,0 +1,225 @@
+"""Mechanical effects against closed forms and an independent integrator (scipy), and what their states may not do."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from helpers import RANGES, march, rig, step_function, values_of
+from hypothesis import given, settings
+from hypothesis import strategies as some
+from scipy.integrate import solve_ivp
+
+from pneuid.effect import INTEGRATION_TIME, integrated
+from pneuid.effects import CATALOGUE
+from pneuid.plant import Plant
+from pneuid.step import fastest_rates
+
+# friction next to nothing, so that the mechanics stand alone
+FREE = {"Fc": 1e-2, "Fs": 1e-2, "sigma0": 1e3, "sigma1": 0.0, "sigma2": 1e-3, "C": 1e-12}
+WIDE = RANGES | {"p1_low": 1e5, "p1_high": 9e5, "p2_low": 1e5, "p2_high": 9e5, "x_low": 0.02, "x_high": 0.48}
+
+
+def plant_with(name: str) -> Plant:
+    return Plant(rig(), "lugre", [CATALOGUE[name]])
+
+
+def rates(plant: Plant, state: dict[str, float], changes: dict[str, float], u: float = 0.0) -> dict[str, float]:
+    """Rates of all states and ``mdot1``, ``mdot2`` at one state (the rest of it in balance at atmosphere)."""
+    theta = plant.theta(values_of(plant, changes), WIDE)
+    known = {"x": 0.25, "p1": plant.rig.patm, "p2": plant.rig.patm} | state
+    s = np.array([known.get(name, 0.0) for name in plant.states])
+    at = plant.evaluate(s, np.array([u, 7e5]), theta)
+    found = dict(zip(plant.states, [float(item) for item in at.explicit], strict=False))
+    for i, (source, decay) in enumerate(at.relaxing):
+        name = plant.states[plant.explicit_count + i]
+        found[name] = float(source - decay * s[plant.explicit_count + i])
+    return found | {"mdot1": float(at.mdot1), "mdot2": float(at.mdot2)}
+
+
+def test_a_spring_pulls_in_proportion_to_the_distance_from_its_free_position():
+    plant = plant_with("load_spring")
+    on = {"k_spring": 200.0, "x_free": 0.1}
+    for x in (0.05, 0.1, 0.4):
+        pull = rates(plant, {"x": x}, on)["v"] - rates(plant, {"x": x}, {"k_spring": 0.0})["v"]
+        assert pull * plant.rig.mass == pytest.approx(-200.0 * (x - 0.1), abs=1e-9)
+
+
+def test_a_load_on_a_spring_swings_at_its_natural_frequency():
+    plant = plant_with("load_spring")
+    # pressures follow the motion: their stiffness is taken out by a huge dead volume and no air in the chambers
+    theta = plant.theta(values_of(plant, FREE | {"k_spring": 2400.0, "x_free": 0.25}), WIDE)
+    theta[plant.theta_names.index("V01")] = theta[plant.theta_names.index("V02")] = 1e3
+    patm = plant.rig.patm
+    start = np.array([0.26, 0.0, patm, patm, 0.0])
+    h, period = 2e-4, 2 * np.pi / np.sqrt(2400.0 / plant.rig.mass)
+    path = march(step_function(plant), start, np.array([0.0, 7e5]), np.zeros(2), h, round(2.2 * period / h), theta)
+    crossings = np.flatnonzero((path[0, :-1] > 0.25) & (path[0, 1:] <= 0.25)) * h
+    assert np.diff(crossings)[0] == pytest.approx(period, rel=5e-3)
+
+
+# --- states that do not relax ---
+
+
+def test_an_integrated_state_is_second_order_accurate():
+    # s' = cos t carried by the exponential midpoint rule
+    def error(h: float) -> float:
+        s, t = 0.0, 0.0
+        for _ in range(round(0.5 / h)):
+            target, tau = integrated(s, np.cos(t))
+            middle = s + (target - s) * -np.expm1(-0.5 * h / tau)
+            target, tau = integrated(middle, np.cos(t + 0.5 * h))
+            s, t = s + (target - s) * -np.expm1(-h / tau), t + h
+        return abs(s - np.sin(0.5))
+
+    assert error(1e-3) < 0.5 * (1e-3 / INTEGRATION_TIME) ** 2
+    assert error(2.5e-4) == pytest.approx(error(5e-4) / 4, rel=0.1)
+
+
+# --- backlash ---
+
+PLAY, SHARE = 1e-3, 0.6
+PUSH = 12.0
+# the reduced path has the mean delay 2 T, that of a free crossing under constant force 2/3 of its duration
+CROSSING = float(np.sqrt(2 * PLAY * (1 - SHARE) * 2.4 / PUSH))
+RECOIL = FREE | {"b_play": PLAY * SHARE, "T_play": CROSSING / 3}
+
+
+def recoiling(force: float, seconds: float, h: float = 2e-4) -> tuple[Plant, np.ndarray, np.ndarray]:
+    """Plant, times and states of a load pushed by a constant force that touched the rod's other side before."""
+    plant = plant_with("backlash")
+    theta = plant.theta(values_of(plant, RECOIL), WIDE)
+    theta[plant.theta_names.index("V01")] = theta[plant.theta_names.index("V02")] = 1e3
+    patm = plant.rig.patm
+    start = np.array([0.1, 0.0, patm + force / plant.rig.A1, patm, 0.0, -1.0, 0.0])
+    count = round(seconds / h)
+    path = march(step_function(plant), start, np.array([0.0, 7e5]), np.zeros(2), h, count, theta)
+    return plant, h * np.arange(count + 1), path
+
+
+def test_the_rod_runs_ahead_of_a_rigid_load_by_the_play_and_keeps_the_momentum():
+    plant, t, path = recoiling(PUSH, 0.1)
+    pushed = (PUSH - FREE["Fc"]) / plant.rig.mass
+    ahead = path[0] - 0.1 - 0.5 * pushed * t**2
+    # what is left is friction's build-up over the first 10 um, and its viscous part
+    assert ahead[-1] == pytest.approx(PLAY * SHARE, abs=1e-5)
+    np.testing.assert_allclose(ahead, 0.5 * PLAY * SHARE * (path[5] + 1.0), atol=1e-5)
+    assert path[1, -1] == pytest.approx(pushed * t[-1], rel=2e-3)
+
+
+def test_the_recoil_is_that_of_two_masses_and_a_dead_zone():
+    plant, t, path = recoiling(PUSH, 0.1)
+    m = plant.rig.mass
+
+    def two_masses(_, y):
+        x, v, xl, vl = y
+        depth = max(x - xl - PLAY / 2, 0.0) - max(xl - x - PLAY / 2, 0.0)
+        # a contact of 1000 rad/s that hardly bounces
+        push = SHARE * m * (1e6 * depth + (1200.0 * (v - vl) if depth else 0.0))
+        return [v, (PUSH - FREE["Fc"] - push) / ((1 - SHARE) * m), vl, push / (SHARE * m)]
+
+    # at first the load lies on the side it was pulled from
+    found = solve_ivp(two_masses, (0.0, t[-1]), [0.1, 0.0, 0.1 + PLAY / 2, 0.0], max_step=1e-4, rtol=1e-6, t_eval=t)
+    rigid = 0.1 + 0.5 * (PUSH - FREE["Fc"]) / m * t**2
+    ahead, expected = path[0] - rigid, found.y[0] - rigid
+    # the same distance in the end, on a path of about the same time; in between the reduced load may be a fifth off
+    assert ahead[-1] == pytest.approx(expected[-1], rel=0.05)
+    assert np.abs(ahead - expected).max() < 0.25 * PLAY * SHARE
+
+
+def test_a_load_that_is_not_pushed_stays_on_its_side():
+    plant = plant_with("backlash")
+    found = rates(plant, {"side": 0.7, "side_rate": 0.0}, RECOIL)
+    assert found["side_rate"] == 0.0 and found["v"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_play_that_vanishes_is_a_rigid_load_whatever_its_states():
+    plant = plant_with("backlash")
+    off = rates(plant, {"p1": 2e5, "side": -0.7, "side_rate": 50.0}, FREE | {"b_play": 0.0})
+    assert off["v"] == pytest.approx((2e5 - plant.rig.patm) * plant.rig.A1 / plant.rig.mass, rel=1e-9)
+
+
+# --- mounting compliance ---
+
+
+def test_a_body_on_its_mount_moves_like_two_coupled_masses():
+    plant = plant_with("mounting_compliance")
+    mu, w, zeta = 0.4, 60.0, 0.1
+    theta = plant.theta(values_of(plant, FREE | {"mu_mount": mu, "w_mount": w, "zeta_mount": zeta}), WIDE)
+    theta[plant.theta_names.index("V01")] = theta[plant.theta_names.index("V02")] = 1e3
+    patm, m = plant.rig.patm, plant.rig.mass
+    push = 1e4 * plant.rig.A1
+    start = np.array([0.1, 0.0, patm + 1e4, patm, 0.0, 0.0, 0.0])
+    h, count = 2.5e-4, 1000
+    path = march(step_function(plant), start, np.array([0.0, 7e5]), np.zeros(2), h, count, theta)
+    body = m / mu
+
+    def coupled(_t, y):
+        _, V, Y, W = y
+        driving = push - FREE["Fc"] - FREE["sigma2"] * V
+        return [V, driving / m, W, -driving / body - w * w * Y - 2 * zeta * w * W]
+
+    found = solve_ivp(coupled, (0, h * count), [0.1, 0, 0, 0], rtol=1e-9, atol=1e-12, t_eval=h * np.arange(count + 1))
+    relative = found.y[0] - found.y[2]
+    assert np.ptp(found.y[2]) > 5e-4
+    # what is left is the bristle's build-up of 10 mN over its first 10 um
+    np.testing.assert_allclose(path[0], relative, atol=1e-5)
+    np.testing.assert_allclose(mu * path[plant.states.index("recoil")], found.y[2], atol=5e-6)
+
+
+def test_an_oscillating_mount_asks_for_its_own_step():
+    plant = plant_with("mounting_compliance")
+    soft = {"sigma0": 1e3, "sigma1": 1.0, "mu_mount": 0.4, "w_mount": 500.0}
+    theta = plant.theta(values_of(plant, soft), WIDE)
+    assert fastest_rates(plant, theta)["bristle"] == pytest.approx(500.0, rel=0.2)
+
+
+# --- end cushion ---
+
+
+def test_a_cushion_throttles_what_leaves_near_its_end_and_nothing_else():
+    plant = plant_with("end_cushion")
+    on = {"cushion_1": 0.9, "cushion_2": 0.8, "L_cushion": 0.03}
+    off = {"cushion_1": 0.0, "cushion_2": 0.0}
+    full = {"p1": 5e5, "p2": 5e5}
+    near_cap, near_rod, middle = full | {"x": 0.002}, full | {"x": 0.498}, full | {"x": 0.25}
+    # u < 0 empties chamber 1 and fills chamber 2
+    assert rates(plant, near_cap, on, -5.0)["mdot1"] == pytest.approx(
+        0.1 * rates(plant, near_cap, off, -5.0)["mdot1"], rel=2e-2
+    )
+    assert rates(plant, near_cap, on, -5.0)["mdot2"] == pytest.approx(
+        rates(plant, near_cap, off, -5.0)["mdot2"], rel=1e-6
+    )
+    assert rates(plant, near_rod, on, 5.0)["mdot2"] == pytest.approx(
+        0.2 * rates(plant, near_rod, off, 5.0)["mdot2"], rel=2e-2
+    )
+    # a check valve lets the air in, and in the middle the passage is open
+    assert rates(plant, near_cap, on, 5.0)["mdot1"] == pytest.approx(
+        rates(plant, near_cap, off, 5.0)["mdot1"], rel=1e-6
+    )
+    assert rates(plant, middle, on, -5.0)["mdot1"] == pytest.approx(rates(plant, middle, off, -5.0)["mdot1"], rel=1e-6)
+
+
+@settings(max_examples=40, deadline=None)
+@given(some.floats(0.0, 0.999), some.floats(2e-3, 0.1), some.floats(0.0, 0.5), some.floats(-10.0, 10.0))
+def test_a_cushion_never_reverses_or_feeds_a_flow(a, length, x, u):
+    plant = _CUSHION
+    state = {"x": x, "p1": 4e5, "p2": 4.5e5}
+    on = {"cushion_1": a, "cushion_2": a, "L_cushion": length}
+    with_it, without = (rates(plant, state, change, u) for change in (on, on | {"cushion_1": 0.0, "cushion_2": 0.0}))
+    for name in ("mdot1", "mdot2"):
+        assert abs(with_it[name]) <= abs(without[name]) + 1e-8
+        assert with_it[name] * without[name] >= -1e-16
+
+
+_CUSHION = plant_with("end_cushion")
+
+
+# --- what a plant says of itself ---
+
+
+def test_the_stages_tell_the_moving_mass():
+    plant = Plant(rig(), "lugre", [CATALOGUE["load_mass"]])
+    theta = plant.theta(values_of(plant, {"mass": 5.0}), WIDE, mass_run=3.0)
+    s, w = ca.SX.sym("s", 5), ca.SX.sym("w", 2)
+    assert float(plant.evaluate(s, w, theta).mass) == pytest.approx(5.0 + 3.0 - plant.rig.mass)

@@ -1,0 +1,229 @@
+"""Pneumatic effects against closed forms, balances, and rig files that say the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers import TRUTH, rig
+from hypothesis import given
+from hypothesis import strategies as st
+from operating import SERVO_POINT, at, followed, plant_with
+from scipy.integrate import solve_ivp
+
+from pneuid.physics.chamber import pressure_rate, temperature_pressure_rate, temperature_relaxation, wall_area
+from pneuid.physics.gas import CV_AIR, GAMMA_AIR, R_AIR, RHO_REFERENCE, T_REFERENCE
+from pneuid.physics.lag import vanishing_lag
+
+T = 293.15
+LEAKS = {1: "leakage_external_1", 2: "leakage_external_2"}
+
+
+# --- leaks to the outside ---
+
+
+@pytest.mark.parametrize("chamber", LEAKS)
+def test_a_tank_blows_down_through_a_leak_as_the_choked_nozzle_says(chamber):
+    C, plant = 3e-10, plant_with(LEAKS[chamber])
+    assert rig().temperature == T
+    name = f"p{chamber}"
+
+    def rate(_, p):
+        return [float(at(plant, {name: p[0]}, {f"C_leak_{chamber}": C, "n": 1.0}).explicit[1 + chamber])]
+
+    found = solve_ivp(rate, (0.0, 3.0), [7e5], rtol=1e-9, t_eval=np.linspace(0, 3, 7)).y[0]
+    # nothing else flows: valve closed to 5e-7 of its opening, piston at rest
+    V = rig().V01 + rig().A1 * 0.25 if chamber == 1 else rig().V02 + rig().A2 * 0.25
+    expected = 7e5 * np.exp(-R_AIR * T * C * RHO_REFERENCE / V * np.linspace(0, 3, 7))
+    assert expected[-1] > 1.01325e5 / 0.528, "no longer choked"
+    np.testing.assert_allclose(found, expected, rtol=2e-3)
+    assert found[-1] < 0.9 * found[0]
+
+
+@pytest.mark.parametrize("chamber", LEAKS)
+def test_a_leak_takes_from_its_own_chamber_alone_and_nothing_at_atmospheric_pressure(chamber):
+    plant, bare = plant_with(LEAKS[chamber]), plant_with()
+    values = {f"C_leak_{chamber}": 3e-10}
+    with_it, without = at(plant, values=values), at(bare)
+    flows = [(float(with_it.mdot1), float(without.mdot1)), (float(with_it.mdot2), float(without.mdot2))]
+    own, other = flows[chamber - 1], flows[2 - chamber]
+    assert other[0] == other[1] and own[0] < own[1] - 1e-5
+    calm = {f"p{chamber}": rig().patm}
+    assert float(getattr(at(plant, calm, values), f"mdot{chamber}")) == float(getattr(at(bare, calm), f"mdot{chamber}"))
+    # below atmospheric pressure it lets air in
+    low = {f"p{chamber}": 0.9e5}
+    assert float(getattr(at(plant, low, values), f"mdot{chamber}")) > float(getattr(at(bare, low), f"mdot{chamber}"))
+
+
+# --- dead volume ---
+
+
+@given(st.floats(-8e-6, 5e-5), st.floats(-9e-6, 5e-5), st.floats(0.02, 0.48), st.floats(-8.0, 8.0))
+def test_dead_volumes_are_those_of_a_rig_file_that_says_so(d1, d2, x, u):
+    other = rig(changes={"cylinder": {"dead_volume_1": f"{12e-6 + d1!r} m^3", "dead_volume_2": f"{14e-6 + d2!r} m^3"}})
+    point = {"x": x, "u": u, "v": 0.2}
+    freed = at(plant_with("dead_volume"), point, {"dV01": d1, "dV02": d2})
+    np.testing.assert_allclose(
+        [float(item) for item in freed.explicit],
+        [float(item) for item in at(plant_with(on=other), point).explicit],
+        rtol=1e-12,
+    )
+
+
+# --- heat transfer ---
+
+gas_states = st.tuples(
+    st.floats(-60.0, 60.0), st.floats(1e5, 9e5), st.floats(1e-5, 5e-4), st.floats(-5e-4, 5e-4), st.floats(-5e-3, 5e-3),
+    st.floats(0.0, 20.0),
+)  # fmt: skip
+
+
+def _rates(gas: tuple[float, ...]) -> tuple[float, float]:
+    """Pressure and temperature rate of the full energy balance."""
+    excess, p, V, V_rate, mdot, wall = gas
+    filling, emptying = max(mdot, 0.0), max(-mdot, 0.0)
+    source, decay = temperature_relaxation(excess, p, V, V_rate, filling, emptying, wall, T)
+    p_rate = pressure_rate(p, V, V_rate, mdot, GAMMA_AIR, T) + temperature_pressure_rate(excess, V, emptying, wall)
+    return p_rate, float(source - decay * excess)
+
+
+@given(gas_states)
+def test_the_full_energy_balance_keeps_mass_and_energy(gas):
+    excess, p, V, V_rate, mdot, wall = gas
+    p_rate, T_rate = _rates(gas)
+    absolute = T + excess
+    m = p * V / (R_AIR * absolute)
+    # ideal gas: d ln p + d ln V - d ln T = d ln m
+    terms = [p_rate / p, V_rate / V, -T_rate / absolute, -mdot / m]
+    assert sum(terms) == pytest.approx(0.0, abs=1e-9 * max(map(abs, terms)) + 1e-12)
+    # first law of the open system: air enters at T, leaves as it is
+    inner = CV_AIR * (mdot * absolute + m * T_rate)
+    enthalpy = GAMMA_AIR * CV_AIR * mdot * (T if mdot > 0 else absolute)
+    balance = [inner, -enthalpy, p * V_rate, wall * excess]
+    assert sum(balance) == pytest.approx(0.0, abs=1e-9 * max(map(abs, balance)) + 1e-12)
+
+
+@given(gas_states)
+def test_a_perfect_wall_makes_it_isothermal_and_none_adiabatic(gas):
+    _, p, V, V_rate, mdot, _ = gas
+    wall = 1e9
+    filling, emptying = max(mdot, 0.0), max(-mdot, 0.0)
+    source, decay = temperature_relaxation(0.0, p, V, V_rate, filling, emptying, wall, T)
+    rate, _ = _rates((float(source / decay), p, V, V_rate, mdot, wall))
+    terms = (R_AIR * T * mdot / V, p * V_rate / V)
+    assert rate == pytest.approx(pressure_rate(p, V, V_rate, mdot, 1.0, T), abs=1e-6 * max(map(abs, terms)) + 1e-9)
+    # without a wall a closed chamber keeps T V^(gamma-1) and p V^gamma
+    cold, T_rate = _rates((0.0, p, V, V_rate, 0.0, 0.0))
+    assert cold / p == pytest.approx(-GAMMA_AIR * V_rate / V, rel=1e-12)
+    assert T_rate / T == pytest.approx(-(GAMMA_AIR - 1.0) * V_rate / V, rel=1e-12)
+
+
+def test_the_effect_is_that_energy_balance_at_full_weight():
+    plant = plant_with("heat_transfer")
+    for u, v in ((4.0, 0.3), (-4.0, -0.3), (0.0, 0.2)):
+        point = {"u": u, "v": v, "theta_1": 12.0, "theta_2": -9.0}
+        stages = at(plant, point, {"heat_weight": 1.0, "h_wall": 70.0, "n": GAMMA_AIR})
+        A1, A2 = rig().A1, rig().A2
+        for i, (p, V, V_rate, A, mdot, excess) in enumerate((
+            (4e5, rig().V01 + A1 * 0.25, A1 * v, A1, float(stages.mdot1), 12.0),
+            (3e5, rig().V02 + A2 * 0.25, -A2 * v, A2, float(stages.mdot2), -9.0),
+        )):  # fmt: skip
+            p_rate, T_rate = _rates((excess, p, V, V_rate, mdot, 70.0 * float(wall_area(V, A))))
+            source, decay = stages.relaxing[1 + i]
+            # the sign of the flow is rounded over a millionth of the full flow
+            assert float(stages.explicit[2 + i]) == pytest.approx(p_rate, rel=1e-3)
+            assert float(source) - float(decay) * excess == pytest.approx(T_rate, rel=1e-3, abs=1e-3)
+
+
+def test_the_wall_of_a_cylinder_is_ends_and_mantle():
+    bore, length = 0.032, 0.3
+    A = np.pi / 4 * bore**2
+    assert float(wall_area(A * length, A)) == pytest.approx(2 * A + np.pi * bore * length, rel=1e-12)
+
+
+# --- line ---
+
+
+@given(st.floats(0.0, 0.2), st.floats(1e-4, 1e-2))
+def test_a_vanishing_lag_is_late_by_its_delay(delay, shortest):
+    weight, time_constant = (float(item) for item in vanishing_lag(delay, shortest))
+    assert weight * time_constant == pytest.approx(delay, rel=1e-12, abs=1e-18)
+    assert 0.0 <= weight <= 1.0 and time_constant >= shortest
+    if delay > 10 * shortest:
+        assert weight > 0.99 and time_constant == pytest.approx(delay, rel=0.01)
+
+
+def test_the_line_holds_back_the_delay_times_the_flow_and_loses_nothing():
+    plant, tau, h = plant_with("line_delay"), 5e-3, 5e-5
+    t, arriving = followed(plant, lambda _: 6.0, {"tau_line": tau}, 0.06, h)
+    valve = at(plant_with(), {"u": 6.0})
+    for name, flow in (("mdot1", float(valve.mdot1)), ("mdot2", float(valve.mdot2))):
+        assert arriving[name][-1] == pytest.approx(flow, rel=1e-4)
+        assert h * np.sum(flow - arriving[name]) == pytest.approx(tau * flow, rel=0.01)
+    # a lag of the first order: 63 % after the delay
+    assert arriving["mdot1"][np.searchsorted(t, tau)] / float(valve.mdot1) == pytest.approx(1 - np.exp(-1), abs=0.02)
+
+
+# --- exhaust, null leakage, critical ratio ---
+
+
+@pytest.mark.parametrize("u", [10.0, -10.0])
+def test_a_silencer_is_a_conductance_in_series_with_the_exhaust_edge(u):
+    with_it, without = at(plant_with("exhaust_restriction"), {"u": u}, {"r_exhaust": 0.5}), at(plant_with(), {"u": u})
+    filling, venting = ("mdot1", "mdot2") if u > 0 else ("mdot2", "mdot1")
+    assert float(getattr(with_it, filling)) == pytest.approx(float(getattr(without, filling)), rel=1e-9)
+    # 1/C^2 = 1/C_valve^2 + 1/C_silencer^2 with C_valve^2 = r C_silencer^2
+    assert float(getattr(with_it, venting)) == pytest.approx(float(getattr(without, venting)) / np.sqrt(1.5), rel=1e-5)
+    little = at(plant_with("exhaust_restriction"), {"u": 0.05 * u}, {"r_exhaust": 0.5})
+    assert float(getattr(little, venting)) == pytest.approx(
+        float(getattr(at(plant_with(), {"u": 0.05 * u}), venting)), rel=2e-3
+    )
+
+
+def test_null_leakage_feeds_and_vents_both_chambers_at_null_and_fades_with_the_opening():
+    plant, bare, values = plant_with("valve_null_leakage"), plant_with(), {"null_leak": 0.01, "null_width": 0.05}
+    vented, charged = {"p1": 1.02e5, "p2": 6.9e5}, {"p1": 6.9e5, "p2": 1.02e5}
+    for point, sign in ((vented, 1.0), (charged, -1.0)):
+        stages = at(plant, point, values)
+        assert sign * float(stages.mdot1) > 1e-6
+        assert sign * float(stages.mdot2) < -1e-6
+    full = TRUTH["C"] * RHO_REFERENCE * np.sqrt(T_REFERENCE / T)
+    # choked both ways: 1 % of the full flow in, 1 % of the full flow out
+    found = float(at(plant, {"p1": 2.2e5, "psup": 8e5}, values).mdot1)
+    assert found == pytest.approx(0.01 * full * (8e5 - 2.2e5) * 1.0, rel=0.05)
+    for s in (0.05, 0.5):
+        edges, plain = at(plant, {"u": 10 * s}, values).edges, at(bare, {"u": 10 * s}).edges
+        extra = [getattr(edges, n) - getattr(plain, n) for n in ("supply_1", "supply_2", "exhaust_1", "exhaust_2")]
+        np.testing.assert_allclose([float(item) for item in extra], 0.01 / (1 + (s / 0.05) ** 2), rtol=1e-3)
+
+
+@given(st.floats(0.05, 0.7), st.floats(1.1e5, 6.9e5), st.floats(1.1e5, 6.9e5), st.floats(-10.0, 10.0))
+def test_the_critical_ratio_is_that_of_a_rig_file_that_says_so(b, p1, p2, u):
+    point = {"p1": p1, "p2": p2, "u": u}
+    other = at(plant_with(on=rig(changes={"valve": {"critical_ratio": b}})), point)
+    freed = at(plant_with("valve_critical_ratio"), point, {"critical_ratio": b})
+    assert float(freed.mdot1) == pytest.approx(float(other.mdot1), rel=1e-9, abs=1e-15)
+    assert float(freed.mdot2) == pytest.approx(float(other.mdot2), rel=1e-9, abs=1e-15)
+
+
+def test_air_is_accounted_for_between_supply_chambers_and_exhaust():
+    """Every effect that only moves openings keeps supply = chambers + exhaust."""
+    names = ("valve_asymmetry", "valve_null_leakage", "exhaust_restriction", "valve_critical_ratio")
+    plant = plant_with(*names)
+    values = {"asymmetry": 0.2, "null_leak": 0.02, "r_exhaust": 0.7, "critical_ratio": 0.45}
+    for u in (-7.0, 0.0, 0.3, 9.0):
+        stages = at(plant, {"u": u}, values)
+        exhausted = sum(
+            float(opening) * C_flow(p) for opening, p in ((stages.edges.exhaust_1, 4e5), (stages.edges.exhaust_2, 3e5))
+        )
+        supplied = sum(
+            float(opening) * C_flow(SERVO_POINT["psup"], p)
+            for opening, p in ((stages.edges.supply_1, 4e5), (stages.edges.supply_2, 3e5))
+        )
+        assert float(stages.mdot1) + float(stages.mdot2) == pytest.approx(supplied - exhausted, rel=1e-9, abs=1e-12)
+
+
+def C_flow(p_up: float, p_down: float = 101325.0, b: float = 0.45) -> float:
+    """ISO 6358-1 eq. (1), (2), written down again."""
+    r = p_down / p_up
+    psi = 1.0 if r <= b else np.sqrt(1 - ((r - b) / (1 - b)) ** 2)
+    return TRUTH["C"] * RHO_REFERENCE * p_up * np.sqrt(T_REFERENCE / T) * psi

@@ -1,0 +1,104 @@
+"""Effects of the sensors against filters written down independently."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers import RANGES, march, rig, step_function, values_of
+from hypothesis import given
+from hypothesis import strategies as st
+from operating import BENCH_POINT, at, plant_with
+from scipy.signal import lsim
+
+H = 2.5e-4
+
+
+def _filling(plant, values, count=240):
+    """Time, states ``(ns, N)`` and shown outputs by signal over a command that opens and stays."""
+    theta = plant.theta(values_of(plant, values), RANGES)
+    known = {own.name: own.initial for own in plant.effect_states}
+    start = np.array([{"x": 0.25, "v": 0.0, "p1": 3e5, "p2": 3e5, "z": 0.0, **known}[name] for name in plant.states])
+    states = march(step_function(plant), start, np.array([3.0, 7e5]), np.zeros(2), H, count, theta)
+    points = [dict(zip(plant.states, column, strict=True)) for column in states.T]
+    stages = [at(plant, {**point, "u": 3.0, "psup": 7e5}, values) for point in points]
+    shown = {name: np.array([float(item.outputs[name]) for item in stages]) for name in plant.outputs}
+    return H * np.arange(count + 1), states, shown
+
+
+@pytest.mark.parametrize("name", ["p1", "p2"])
+@pytest.mark.parametrize("tau", [5e-4, 4e-3, 0.02])
+def test_a_lagging_pressure_is_the_pressure_behind_a_first_order_filter(name, tau):
+    plant = plant_with(f"sensor_lag_{name}")
+    t, states, shown = _filling(plant, {f"tau_{name}": tau})
+    p = states[plant.states.index(name)]
+    T = np.hypot(tau, 1e-3)
+    _, expected, _ = lsim(([T - tau, 1.0], [T, 1.0]), p - p[0], t)
+    moved = np.ptp(p)
+    # from a rate of zero instead of the first rate: forgotten after a few time constants
+    late = t > 6 * T
+    if late.any():
+        np.testing.assert_allclose(shown[name][late], (p[0] + expected)[late], atol=1e-3 * moved)
+    assert np.abs(shown[name] - p)[4:].max() > 1e-3 * moved
+    other = {"p1": "p2", "p2": "p1"}[name]
+    np.testing.assert_array_equal(shown[other], states[plant.states.index(other)])
+
+
+def test_skewed_channels_show_the_pressures_of_a_moment_ago():
+    plant, skew = plant_with("channel_skew"), 1e-3
+    t, states, shown = _filling(plant, {"skew": skew})
+    inner = slice(20, -20)
+    for name in ("p1", "p2"):
+        p = states[plant.states.index(name)]
+        ago = np.interp(t - skew, t, p)
+        # to the first order in the skew: what is left is half its square times the curvature
+        curvature = np.gradient(np.gradient(p, t), t)
+        left = 0.5 * skew**2 * np.abs(curvature[inner]).max() + 1.0
+        assert np.abs(shown[name] - ago)[inner].max() < 2.0 * left
+        assert np.abs(shown[name] - p)[inner].max() > 20.0 * left
+    np.testing.assert_array_equal(shown["x"], states[0])
+
+
+@given(st.floats(-1e5, 1e5), st.sampled_from(["p1", "p2"]))
+def test_an_offset_shifts_its_own_sensor_and_nothing_else(offset, name):
+    with_it, without = at(plant_with(f"sensor_offset_{name}"), values={f"offset_{name}": offset}), at(plant_with())
+    for signal in ("x", "p1", "p2"):
+        expected = float(without.outputs[signal]) + (offset if signal == name else 0.0)
+        assert float(with_it.outputs[signal]) == pytest.approx(expected, rel=1e-12)
+    assert [float(item) for item in with_it.explicit] == [float(item) for item in without.explicit]
+
+
+def test_a_force_offset_shifts_the_force():
+    bench = rig("bench")
+    with_it, without = at(plant_with("sensor_offset_F", on=bench), values={"offset_F": 3.0}), at(plant_with(on=bench))
+    assert float(with_it.outputs["F"]) == pytest.approx(float(without.outputs["F"]) + 3.0, rel=1e-12)
+
+
+def test_a_lagging_force_follows_a_reversal_and_does_not_smooth_the_pressures():
+    plant, tau = plant_with("sensor_lag_F", on=rig("bench")), 6e-3
+    values = {"tau_F": tau}
+    theta = plant.theta(values_of(plant, values), RANGES)
+    w = np.array([0.2, 0.02, 0.0, 4e5, 3e5])
+    step = step_function(plant)
+    there = march(step, np.zeros(2), w, np.array([0.02, 0, 0, 0, 0]), H, 200, theta)
+    w[1] = -0.02
+    back = march(step, there[:, -1], w, np.array([-0.02, 0, 0, 0, 0]), H, 200, theta)
+    shown, true = (
+        np.array([
+            float(at(plant, {"z": z, "F_followed": f, "v": -0.02}, given).outputs["F"]) for z, f in back.T
+        ])
+        for given in (values, {"tau_F": 0.0})
+    )  # fmt: skip
+    t, T = H * np.arange(back.shape[1]), np.hypot(tau, 2e-3)
+    _, expected, _ = lsim(([T - tau, 1.0], [T, 1.0]), true - true[-1], t, X0=None)
+    # the filter starts from where the force was before the reversal
+    before = there[1, -1] - (true[0] + _pushing())
+    memory = (before + (true[0] - true[-1])) * tau / T * np.exp(-t / T)
+    np.testing.assert_allclose(shown - true[-1], expected + memory, atol=0.02 * np.ptp(true))
+    # a jump of the measured pressure is passed on at once
+    jump = [float(at(plant, {"p1": p1, "F_followed": 10.0}, values).outputs["F"]) for p1 in (4e5, 4.1e5)]
+    assert jump[1] - jump[0] == pytest.approx(-1e4 * rig("bench").A1, rel=1e-9)
+
+
+def _pushing() -> float:
+    bench = rig("bench")
+    return (BENCH_POINT["p1"] - bench.patm) * bench.A1 - (BENCH_POINT["p2"] - bench.patm) * bench.A2

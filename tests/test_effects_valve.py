@@ -1,0 +1,121 @@
+"""Effects of the valve against closed forms and an ideal play operator."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers import rig
+from hypothesis import given
+from hypothesis import strategies as st
+from operating import at, followed, plant_with
+
+PLAY = {"play": 0.02}
+
+
+def _opening(plant, values, command, seconds, h=2e-4):
+    """Times and opening (N,) over a command relative to full scale."""
+    t, found = followed(plant, lambda now: 10.0 * command(now), values, seconds, h)
+    return t, found["opening"]
+
+
+# --- offset and asymmetry ---
+
+
+@given(st.floats(-0.3, 0.3), st.floats(-9.0, 9.0))
+def test_an_offset_is_a_null_shift_in_the_rig_file(offset, u):
+    other = rig(changes={"valve": {"null": f"{-10.0 * offset!r} V"}})
+    freed, said = at(plant_with("valve_offset"), {"u": u}, {"offset_valve": offset}), at(plant_with(on=other), {"u": u})
+    assert float(freed.opening) == pytest.approx(float(said.opening), abs=1e-12)
+    assert float(freed.mdot1) == pytest.approx(float(said.mdot1), rel=1e-9, abs=1e-12)
+
+
+@given(st.floats(-0.7, 0.7), st.floats(0.5, 15.0))
+def test_the_two_sides_pass_flows_in_the_ratio_of_their_conductances_up_to_full_opening(a, u):
+    plant, bare = plant_with("valve_asymmetry"), plant_with()
+    for sign in (1.0, -1.0):
+        with_it, without = at(plant, {"u": sign * u}, {"asymmetry": a}), at(bare, {"u": sign * u})
+        for flow in ("mdot1", "mdot2"):
+            # the closed edge is open by half the smoothing width, 5e-7
+            assert float(getattr(with_it, flow)) / float(getattr(without, flow)) == pytest.approx(
+                1 + sign * a, abs=1e-4
+            )
+
+
+# --- lag ---
+
+
+def test_the_spool_answers_a_step_by_the_exponential_of_its_time_constant():
+    tau, shortest = 8e-3, 1e-3
+    t, found = _opening(plant_with("valve_lag"), {"tau_valve": tau}, lambda _: 0.4, 0.05)
+    T = np.hypot(tau, shortest)
+    np.testing.assert_allclose(found, 0.4 * (1 - tau / T * np.exp(-t / T)), rtol=1e-9, atol=1e-12)
+    assert found[np.searchsorted(t, tau)] / 0.4 == pytest.approx(1 - np.exp(-1), abs=0.01)
+
+
+@pytest.mark.parametrize("tau", [2e-4, 3e-3, 0.03])
+def test_a_ramp_arrives_late_by_the_delay_however_short(tau):
+    t, found = _opening(plant_with("valve_lag"), {"tau_valve": tau}, lambda now: 0.5 * now, 12 * max(tau, 2e-3), 1e-4)
+    # the held command of one integration step adds h/2
+    assert 0.5 * t[-1] - found[-1] == pytest.approx(0.5 * tau, abs=0.5 * 1e-4)
+
+
+def test_without_delay_the_command_passes_whatever_the_spool_state_is():
+    assert float(at(plant_with("valve_lag"), {"u": 3.0, "spool": -0.8}, {"tau_valve": 0.0}).opening) == 0.3
+
+
+# --- hysteresis ---
+
+
+def _ideal_play(command: np.ndarray, half_width: float) -> np.ndarray:
+    """Play operator from rest at zero: carried along at either end of the play."""
+    found, y = np.empty_like(command), 0.0
+    for i, s in enumerate(command):
+        y = min(max(y, s - half_width), s + half_width)
+        found[i] = y
+    return found
+
+
+def _triangle(size: float, period: float):
+    return lambda now: size * (2 / np.pi) * float(np.arcsin(np.sin(2 * np.pi * now / period)))
+
+
+def test_the_opening_follows_an_ideal_play_operator():
+    command = _triangle(0.1, 1.0)
+    t, found = _opening(plant_with("valve_hysteresis"), PLAY, command, 2.5, 5e-4)
+    ideal = _ideal_play(np.array([command(float(now)) for now in t]), 0.02)
+    # the shortest play that is followed (0.005), the rounding of the catch and its millisecond
+    assert np.abs(found - ideal).max() < 0.1 * 0.02
+    width = np.interp(0.0, *_branch(found, t, command, 1.0)) - np.interp(0.0, *_branch(found, t, command, -1.0))
+    assert abs(width) == pytest.approx(2 * 0.02, rel=0.05)
+
+
+def _branch(found, t, command, way):
+    """Command against opening on the rising or the falling branch of the last cycle, sorted by command."""
+    s = np.array([command(float(now)) for now in t])
+    rising = np.gradient(s, t) * way > 0
+    chosen = rising & (t > 1.3) & (t < 2.2) & (np.abs(s) < 0.05)
+    order = np.argsort(s[chosen])
+    return s[chosen][order], found[chosen][order]
+
+
+def test_the_loop_does_not_depend_on_the_rate():
+    plant = plant_with("valve_hysteresis")
+    _, quick = _opening(plant, PLAY, _triangle(0.1, 0.5), 1.0, 5e-4)
+    _, slow = _opening(plant, PLAY, _triangle(0.1, 2.0), 4.0, 2e-3)
+    assert np.abs(quick - slow).max() < 0.1 * 0.02
+
+
+def test_at_rest_nothing_drifts_and_jitter_within_the_play_passes_nothing():
+    plant = plant_with("valve_hysteresis")
+    for inside in (-0.019, 0.0, 0.013, 0.02):
+        source, decay = at(plant, {"u": 1.0, "spool_play": 0.1 + inside}, PLAY).relaxing[1]
+        assert float(source) - float(decay) * (0.1 + inside) == pytest.approx(0.0, abs=1e-12)
+    seen = [float(at(plant, {"u": 10 * s, "spool_play": 0.1}, PLAY).opening) for s in np.linspace(0.085, 0.115, 7)]
+    # what is left of the jitter is the ratio of the amplitude to the play that is followed
+    assert np.ptp(seen) < 0.031 * 0.03
+
+
+@given(st.floats(0.0, 0.3), st.floats(-1.2, 1.2), st.floats(-1.2, 1.2))
+def test_the_spool_is_never_further_from_the_command_than_the_play(play, s, y):
+    opening = float(at(plant_with("valve_hysteresis"), {"u": 10 * s, "spool_play": y}, {"play": play}).opening)
+    assert abs(opening - s) <= 1.021 * play + 1e-12

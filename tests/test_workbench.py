@@ -1,0 +1,321 @@
+"""The workbench without a browser: who may talk to it, which names it takes, what it writes, how it thins and marks."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import numpy as np
+import pytest
+
+from pneuid.errors import UserError
+from pneuid.workbench import look
+from pneuid.workbench.project import Project, demo_project, with_columns
+from pneuid.workbench.regions import region_mask, stretches
+from pneuid.workbench.security import SUFFIXES, LocalOnly, safe_name
+
+# --- names ---
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../rig.csv", "..\\rig.csv", "/etc/passwd.csv", "a/b.csv", "C:\\x.csv", ".hidden.csv", "", "..", "a\0.csv", "a\n.csv",
+        "x" * 200 + ".csv", "con|.csv",
+    ],
+)  # fmt: skip
+def test_a_name_that_is_a_path_is_refused(name, tmp_path):
+    project = Project(tmp_path / "p")
+    with pytest.raises(UserError, match="not a plain file name"):
+        safe_name(name)
+    with pytest.raises(UserError):
+        project.incoming(name)
+    with pytest.raises(UserError):
+        project.set_role(name, "train")
+    with pytest.raises(UserError):
+        project.remove(name)
+
+
+def test_another_extension_is_refused():
+    with pytest.raises(UserError, match=r"run\.exe: not a kind of recording"):
+        safe_name("run.exe")
+
+
+def test_a_link_out_of_the_folder_is_refused(tmp_path):
+    outside = tmp_path / "outside.csv"
+    outside.write_text("t [s]\n")
+    project = Project(tmp_path / "p")
+    (project.folder / "link.csv").symlink_to(outside)
+    with pytest.raises(UserError, match="leads outside"):
+        project.path("link.csv")
+
+
+def test_a_result_outside_the_folder_is_not_read(tmp_path):
+    (tmp_path / "model.json").write_text("{}")
+    project = Project(tmp_path / "p")
+    assert project.result("..", "model.json") is None
+
+
+def test_suffixes_are_those_of_the_readers():
+    from pneuid.formats import READERS
+
+    assert tuple(READERS) == SUFFIXES
+
+
+# --- hosts, origins, sizes ---
+
+
+def asked(kind="http", method="GET", **headers):
+    """Status that the middleware answers with; 200 where it lets the request through."""
+    passed, sent = [], []
+
+    async def app(_scope, _receive, send):
+        passed.append(True)
+        if kind == "http":
+            await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    async def receive():
+        raise AssertionError("a refused request is not read")
+
+    async def send(message):
+        sent.append(message)
+
+    scope = {"type": kind, "method": method,
+             "headers": [(name.replace("_", "-").encode(), value.encode()) for name, value in headers.items()]}  # fmt: skip
+    asyncio.run(LocalOnly(app, 8011, 200 * 2**20)(scope, receive, send))
+    if kind == "websocket":
+        return 200 if passed else sent[0]["code"]
+    assert (sent[0]["status"] == 200) == bool(passed)
+    return sent[0]["status"]
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1:8011", "localhost:8011", "LOCALHOST:8011"])
+def test_this_machine_is_served(host):
+    assert asked(host=host) == 200
+    assert asked("websocket", host=host, origin=f"http://{host.lower()}") == 200
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:8011", "127.0.0.1", "127.0.0.1:9", "192.168.0.7:8011", ""]
+)
+def test_a_rebound_name_is_refused(host):
+    assert asked(host=host) == 403
+    assert asked("websocket", host=host, origin="http://127.0.0.1:8011") == 1008
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:9", "https://localhost:8011"])
+def test_another_origin_is_refused(origin):
+    assert asked(host="localhost:8011", origin=origin) == 403
+    assert asked(method="POST", host="localhost:8011", origin=origin, content_length="5") == 403
+    assert asked("websocket", host="localhost:8011", origin=origin) == 1008
+
+
+def test_a_websocket_without_an_origin_is_refused():
+    assert asked("websocket", host="localhost:8011") == 1008
+
+
+@pytest.mark.parametrize(
+    ("length", "status"), [("1000", 200), (str(2 * 2**30), 413), (str(200 * 2**20 + 1), 413), ("-1", 411)]
+)
+def test_an_upload_is_judged_before_it_is_read(length, status):
+    assert asked(method="POST", host="localhost:8011", content_length=length) == status
+
+
+def test_an_upload_without_a_length_is_refused():
+    assert asked(method="POST", host="localhost:8011") == 411
+
+
+# --- the project ---
+
+
+def test_the_demo_is_copied_and_results_are_kept(tmp_path):
+    project = demo_project(tmp_path / "demo")
+    assert [run.role for run in project.runs()] == ["hold_out", "hold_out", "train", "train", "train"]
+    (project.folder / "rig.toml").write_text("mine")
+    assert demo_project(tmp_path / "demo").rig_text() == "mine"
+
+
+def test_roles_are_kept(tmp_path):
+    project = demo_project(tmp_path / "demo")
+    project.set_role("train_1.csv", "unused")
+    assert "train_1.csv" not in Project(project.folder).of_role("train")
+    with pytest.raises(UserError, match="no role"):
+        project.set_role("train_1.csv", "judge")
+
+
+def test_a_removed_run_is_put_aside(tmp_path):
+    project = demo_project(tmp_path / "demo")
+    project.remove("train_1.csv")
+    assert (project.folder / "removed" / "train_1.csv").is_file()
+    assert "train_1.csv" not in [run.name for run in project.runs()]
+
+
+def test_an_upload_does_not_replace_a_run(tmp_path):
+    with pytest.raises(UserError, match="holds a run of this name"):
+        demo_project(tmp_path / "demo").incoming("train_1.csv")
+
+
+def test_a_mapping_goes_into_rig_toml_and_comes_back(tmp_path):
+    from pneuid.rig import Rig
+
+    text = demo_project(tmp_path / "demo").rig_text() + '\n[columns]\nx = {column = "old"}\n[columns.u]\ncolumn = "U"\n'
+    made = with_columns(text, {"x": ('weg "1"', "mm"), "p1": ("druck", "")})
+    path = tmp_path / "rig.toml"
+    path.write_text(made)
+    columns = Rig.from_toml(path).columns
+    assert {name: (item.column, item.unit) for name, item in columns.items()} == {
+        "x": ('weg "1"', "mm"), "p1": ("druck", None),
+    }  # fmt: skip
+    assert "data sheet; the fit starts from it" in made
+
+
+def test_a_damaged_result_is_none(tmp_path):
+    project = Project(tmp_path / "p")
+    (project.folder / "identify").mkdir()
+    (project.folder / "identify" / "model.json").write_text("{not json")
+    assert project.models() == ["identify"]
+    assert project.result("identify", "model.json") is None
+
+
+# --- uploads that are no recordings ---
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"\x89PNG\r\n\x1a\n\0\0", "binary data"),
+        (b"", "is empty"),
+        (b"dear diary, today\nnothing moved, again\n", "not a recording"),
+        (b"t [s],u [V],x [mm],p1 [kPa],p2 [kPa]\n0,1,2,3,4\n1,1,2,3\n", "row 3 is short"),
+    ],
+)
+def test_an_upload_that_is_no_recording_is_refused(content, words, tmp_path):
+    from pneuid.workbench.reading import check_upload
+
+    path = tmp_path / "new.csv"
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=words):
+        check_upload(path, demo_project(tmp_path / "demo").rig_text())
+
+
+def test_an_upload_with_other_names_is_taken_and_says_what_to_map(tmp_path):
+    from pneuid.workbench.reading import check_upload, raw_head
+
+    lines = (demo_project(tmp_path / "demo").folder / "train_1.csv").read_text().splitlines()
+    path = tmp_path / "new.csv"
+    path.write_text("\n".join(["zeit [s],u [V],x [mm],p1 [kPa],p2 [kPa]", *lines[1:200]]))
+    rig = Project(tmp_path / "demo").rig_text()
+    assert "column t is missing" in check_upload(path, rig)
+    head = raw_head(path, rig)
+    assert head.columns[0] == "zeit"
+    assert head.units["zeit"] == "s"
+    assert check_upload(path, with_columns(rig, {"t": ("zeit", "")})) == ""
+
+
+def test_a_large_text_file_is_seen_before_it_is_checked(tmp_path, monkeypatch):
+    from pneuid.workbench import reading
+
+    project = demo_project(tmp_path / "demo")
+    path, rig = project.path("train_1.csv"), project.rig_text()
+    assert reading.preview_run(path, rig) is None
+    monkeypatch.setattr(reading, "LARGE_TEXT", 1000)
+    monkeypatch.setattr(reading, "PREVIEW_SAMPLES", 500)
+    seen, whole = reading.preview_run(path, rig), reading.read_run(path, rig)
+    assert seen.preview and not whole.preview
+    assert seen.samples == 500 and whole.samples == 6000
+    assert np.array_equal(seen.channels["x"].values, whole.channels["x"].values[::12])
+
+
+# --- one visual language ---
+
+
+def test_colours_are_those_of_the_report():
+    from pneuid.report import style
+
+    for name in ("SIMULATED", "FREE_RUN", "RESIDUAL", "FLOOR", "ACCEPTED", "REJECTED", "NEUTRAL", "MARKS"):
+        assert getattr(look, name) == getattr(style, name)
+    assert style.MEASURED == look.MEASURED_LIGHT
+
+
+# --- regions ---
+
+FEATURES = {
+    "t": np.arange(6.0), "v": np.array([-20.0, -5, 0, 5, 20, 60]), "p2": np.array([100.0, 300, 420, 450, 500, 380]),
+    "u": np.array([5.0, 4, 6, 9, 1, 5]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "inside"),
+    [
+        ("v < 0 and p2 > 200 kPa gauge", [1]),
+        ("|v| > 10 mm/s and p2 > 400 kPa gauge", [4]),
+        ("p2 = 300 to 450 kPa gauge", [2, 5]),
+        ("|u - 5 V| > 2 V", [3, 4]),
+        ("t > 3.5 s and run a.csv", [4, 5]),
+        ("run b.csv", []),
+        ("x < 100 mm", []),
+    ],
+)
+def test_the_words_of_a_region_become_its_samples(words, inside):
+    assert list(np.flatnonzero(region_mask(words, "a.csv", FEATURES, 5.0))) == inside
+
+
+def test_stretches_are_joined_and_whole():
+    inside = np.array([1, 1, 0, 1, 0, 0, 0, 1], dtype=bool)
+    assert stretches(np.arange(8.0), inside, 2.5) == [(0.0, 4.0), (7.0, 7.0)]
+    assert stretches(np.arange(8.0), ~inside & inside, 1.0) == []
+
+
+# --- a million samples ---
+
+
+def test_a_million_samples_keep_their_extremes():
+    pytest.importorskip("tsdownsample")
+    from pneuid.workbench.traces import POINTS, thin
+
+    t = np.arange(1_000_000) / 1000.0
+    y = np.sin(t / 30.0).astype(np.float32)
+    y[[123_456, 800_000]] = 9.0, -9.0
+    began = time.perf_counter()
+    _, shown = thin(t, y)
+    assert time.perf_counter() - began < 1.0
+    assert shown.size <= POINTS and shown.max() == 9.0 and shown.min() == -9.0
+    near, detail = thin(t, y, (123.4, 123.5))
+    assert detail.max() == 9.0 and np.isin(t[123_400:123_501], near).all() and near.size < 210
+    y[500_000:600_000] = np.nan
+    _, shown = thin(t, y)
+    assert np.isnan(shown).sum() >= 1 and np.nanmax(shown) == 9.0
+
+
+# --- jobs ---
+
+
+def finished(worker, job, seconds=60.0):
+    end = time.monotonic() + seconds
+    while not job.over:
+        worker.poll()
+        assert time.monotonic() < end, job
+        time.sleep(0.02)
+    return job
+
+
+def test_jobs_run_in_order_and_a_stuck_one_is_ended():
+    from pneuid.workbench.jobs import Worker
+
+    worker, results = Worker("test", ()), []
+    try:
+        first = worker.submit("add", "operator", "add", {}, otherwise=results.append)
+        stuck = worker.submit("wait", "multiprocessing.connection", "wait", {"object_list": [], "timeout": 60})
+        last = worker.submit("turn", "fractions", "Fraction", {"numerator": 3}, then=results.append)
+        assert finished(worker, first).state == "failed"
+        while worker.current is not stuck:
+            worker.poll()
+        began = time.monotonic()
+        worker.cancel()
+        assert finished(worker, stuck).state == "cancelled"
+        assert time.monotonic() - began < 10
+        assert finished(worker, last).state == "done"
+        assert "TypeError" in results[0] and results[1:] == [3]
+    finally:
+        worker.stop()
