@@ -31,13 +31,11 @@ def one_seed(seed: int) -> None:
     for name, true in truth.items():
         value, std = outcome.result.joint[name]
         joint = f"{100 * (value / true - 1):+7.2f} % {(value - true) / std if std else float('nan'):+6.1f} std"
-        if name in classic:
-            own = classic[name]
-            print(
-                f"  {name:7s} classic {100 * (own.value / true - 1):+7.2f} % {(own.value - true) / own.std:+6.1f} std; joint {joint}"
-            )
-        else:
-            print(f"  {name:7s} classic not seen; joint {joint}")
+        own = classic.get(name)
+        words = "not seen"
+        if own is not None:
+            words = f"{100 * (own.value / true - 1):+7.2f} % {(own.value - true) / own.std:+6.1f} std"
+        print(f"  {name:7s} classic {words}; joint {joint}")
     for entry in verification_errors(outcome.result):
         print(
             f"  unseen pair, {entry['route']}: {entry['points']:.3f} N of the points, {entry['truth']:.3f} N of the true curve"

@@ -98,6 +98,10 @@ class Mpc(Controller):
         """A copy of the observer's memory, for inspection."""
         return self._memory.copy()
 
+    def plan(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Copies of the plan: stage states ``(N+1, nx)`` and command changes ``(N,)``, scaled, and forces ``(N,)`` in N."""
+        return self._plan_x.copy(), self._plan_u.copy(), self._force.copy()
+
     def _prepare_observer(self) -> None:
         """Fixed memory of the observer and of the translation of a planned command into one for the valve."""
         model, size = self.model, memory_size(self.model)

@@ -7,12 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from pneuid import model as model_file
 from pneuid.criticism import decision
 from pneuid.criticism.comparison import Comparison, compare, frozen
 from pneuid.criticism.diagnosis import Diagnosis
+from pneuid.criticism.frames import notebook_html
 from pneuid.criticism.prediction import predict_free
+from pneuid.criticism.trust import trust
 from pneuid.effect import Effect
 from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
 from pneuid.errors import UserError
@@ -63,6 +66,30 @@ class IdentifiedModel:
     def save(self, path: str | Path) -> None:
         """Write model.json."""
         self.content.save(path)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Parameters, a row each by name (``name@run`` for those of one run): value, std, 95 % interval, bounds in SI ``unit``.
+
+        ``record`` names the recording that would help a parameter that is not well determined.
+        """
+        rows = [
+            {
+                "parameter": name, "value": item.estimate.value, "std": item.estimate.std, "low_95": item.low,
+                "high_95": item.high, "unit": item.estimate.unit, "verdict": item.estimate.verdict,
+                "effect": item.estimate.effect, "lower": item.estimate.lower, "upper": item.estimate.upper,
+                "record": item.record,
+            }
+            for name, item in zip(self.values, trust(self.content), strict=True)
+        ]  # fmt: skip
+        numbers = {name: float for name in ("value", "std", "low_95", "high_95", "lower", "upper")}
+        return pd.DataFrame(rows).set_index("parameter").astype(numbers)
+
+    def _repr_html_(self) -> str:
+        """The parameters, as a notebook shows them."""
+        model = self.content
+        effects = f" with {', '.join(model.effects)}" if model.effects else ""
+        words = f"{model.name}: {model.rig.kind} rig, {model.friction} friction{effects}; {model.fit.status}"
+        return notebook_html(words, self.to_pandas().drop(columns=["lower", "upper"]))
 
 
 def fit(

@@ -34,7 +34,8 @@ class Parameter:
     lower, upper : physical bounds, SI; start : where a fit begins; scale : typical size, SI (makes the search
     dimensionless); positive : searched on a logarithmic scale, ``scale`` and ``prior`` then count in e-folds; off : value
     at which its effect vanishes, None for a shape that means nothing while the amplitudes are off; prior : standard
-    deviation around ``start`` of a weak prior, None for none (only where ordinary data leave a direction open).
+    deviation around ``start`` of a weak prior, None for none (only where ordinary data leave a direction open);
+    experiment : the recording that determines it, empty where that of its effect does.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Parameter:
     positive: bool = False
     off: float | None = None
     prior: float | None = None
+    experiment: str = ""
 
 
 @dataclass(frozen=True)

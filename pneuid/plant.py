@@ -67,6 +67,18 @@ class Stages:
     """Moving mass, kg, effects included."""
 
 
+_SLOW = "slow ramps of 0.5 to 5 mm/s from rest, with reversals"
+_EXPERIMENTS = {
+    "Fc": "strokes at constant speeds of 10 to 100 mm/s in both directions",
+    "Fs": _SLOW, "vs": _SLOW, "sigma0": _SLOW,
+    "sigma1": "abrupt stops and small fast reversals, recorded at 1 kHz or faster",
+    "sigma2": "strokes at constant speeds up to the fastest the rig reaches",
+    "n": "the valve closed abruptly during fast strokes, so that the piston compresses the closed chambers",
+    "C": "large steps of the command that fill and vent both chambers through the fully open valve",
+}  # fmt: skip
+"""The recording that determines each parameter of the base model."""
+
+
 def _base_parameters(rig: Rig, law: friction.FrictionLaw) -> tuple[Parameter, ...]:
     """Fitted parameters of the base model with starts scaled to the rig's size."""
     # a few per cent of the force at one bar is where friction of real cylinders lies
@@ -76,20 +88,26 @@ def _base_parameters(rig: Rig, law: friction.FrictionLaw) -> tuple[Parameter, ..
     def positive(
         name: str, symbol: str, unit: str, start: float, span: float, where: str = source, prior: float | None = None
     ) -> Parameter:
-        return Parameter(name, symbol, unit, start / span, start * span, start, 1.0, where, positive=True, prior=prior)
+        return Parameter(
+            name, symbol, unit, start / span, start * span, start, 1.0, where, positive=True, prior=prior,
+            experiment=_EXPERIMENTS[name],
+        )  # fmt: skip
 
     every = {
         "Fc": positive("Fc", "F_c", "N", force, 1e3),
         "Fs": positive("Fs", "F_s", "N", 1.5 * force, 1e3, prior=2.5),
         # weak priors: records without slow motion leave the pre-sliding coefficients open by orders of magnitude
-        "vs": Parameter("vs", "v_s", "m/s", 2e-4, 0.5, 0.01, 1.0, source, positive=True, prior=2.0),
+        "vs": Parameter(
+            "vs", "v_s", "m/s", 2e-4, 0.5, 0.01, 1.0, source, positive=True, prior=2.0, experiment=_EXPERIMENTS["vs"]
+        ),
         "sigma0": positive("sigma0", "σ0", "N/m", force / 3e-5, 1e3, prior=2.5),
         "sigma1": positive("sigma1", "σ1", "N*s/m", 0.4 * np.sqrt(force / 3e-5 * rig.mass), 1e3, prior=1.5),
         "sigma2": positive("sigma2", "σ2", "N*s/m", 3.0 * force, 1e4),
     }
     found = [every[name] for name in law.fitted]
     if rig.kind == "servo":
-        found.append(Parameter("n", "n", "1", 1.0, 1.4, 1.2, 0.1, "polytropic exponent, isothermal to adiabatic"))
+        exponent = "polytropic exponent, isothermal to adiabatic"
+        found.append(Parameter("n", "n", "1", 1.0, 1.4, 1.2, 0.1, exponent, experiment=_EXPERIMENTS["n"]))
         found.append(positive("C", "C", "m^3/(s*Pa)", rig.conductance, 30.0, "ISO 6358-1 sonic conductance"))
     return tuple(found)
 

@@ -7,10 +7,11 @@ import shutil
 import subprocess
 
 import casadi as ca
+import helpers
 import numpy as np
 import pytest
+from test_controllers_qp import problem
 
-import helpers
 from controllers import qp
 from controllers.base import Measurement
 from controllers.control_model import ControlModel
@@ -27,7 +28,6 @@ from pneuid.errors import ComputationError, UserError
 from pneuid.model import nominal_model
 from pneuid.virtual_rig import ServoPlant, TruthServo
 from pneuid.virtual_rig.friction import FRICTION_2011
-from test_controllers_qp import problem
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 EFFECTS = ("friction_pressure", "valve_dead_zone", "supply_droop")
@@ -76,7 +76,8 @@ def loops(found):
     the controller's memory at the end."""
     recorded = {}
     for controller in (found.servo, found.nmpc):
-        track = hard_track(found.model, controller.sample_time, 0.6, controller.preview)
+        lasts = 0.15 if controller is found.nmpc else 0.0
+        track = hard_track(found.model, controller.sample_time, 0.6, controller.preview, lasts)
         run = record(controller, ServoPlant(TruthServo()), track, SUPPLY, seed=3)
         recorded[controller.name] = (run, controller.memory)
     return recorded
@@ -89,7 +90,7 @@ def loops(found):
 @pytest.mark.parametrize(("name", "kind"), [("servo", ExportedServo), ("nmpc", ExportedNmpc)])
 def test_c_commands_what_python_commands(name, kind, loops, library):
     run, memory = loops[name]
-    assert np.ptp(run.u) > 15.0  # the jump saturates the valve
+    assert np.ptp(run.u) > 15.0  # the valve is at its limits
     exported = kind(library)
     np.testing.assert_allclose(exported.play(run.seen, run.target), run.u, rtol=0.0, atol=1e-9)
     # the inverse valve rounds commands to 0.08 mV; estimates are not rounded, so compare these too
@@ -194,17 +195,17 @@ def test_random_programs_are_solved_as_in_python_and_as_by_a_reference(bound, so
 
 @needs_compiler
 def test_recorded_programs_with_active_bounds_agree_with_a_reference(found, loops):
-    """Those of the closed loop around the jump, where command and pressures are at their limits."""
+    """Those of the closed loop around the fast move, where command and pressures are at their limits."""
     controller, run = found.nmpc, loops["nmpc"][0]
     controller.reset(Measurement(*run.seen[0]), run.target[: controller.preview])
     tried = 0
     for k, row in enumerate(run.seen):
         controller.step(Measurement(*row), run.target[k : k + controller.preview])
-        if controller.iterations > 0 and k % 40 == 0:
+        if controller.iterations > 0 and tried < 2 and k % 7 == 0:
             program = controller.program
             np.testing.assert_allclose(qp.solve(*program, 1e-11).u, reference(program), atol=1e-6)
             tried += 1
-    assert tried >= 1
+    assert tried == 2
 
 
 # --- the code ---
@@ -246,7 +247,9 @@ def harness(folder, library):
 @needs_compiler
 def test_the_harness_plays_the_recordings_back(folder, harness):
     for kind in ("servo", "nmpc"):
-        done = subprocess.run([harness, kind, f"{kind}.csv", "out.csv"], cwd=folder, capture_output=True, text=True)
+        done = subprocess.run(
+            [harness, kind, f"{kind}.csv", "out.csv"], cwd=folder, capture_output=True, text=True, check=False
+        )
         assert done.returncode == 0, done.stdout + done.stderr
     assert (folder / "out.csv").read_text().startswith("t [s],u [V]\n0,")
     # a wrong command is found out
@@ -254,8 +257,10 @@ def test_the_harness_plays_the_recordings_back(folder, harness):
     cells = text[20].split(",")
     text[20] = ",".join([*cells[:-1], repr(float(cells[-1]) + 1e-6)])
     (folder / "wrong.csv").write_text("\n".join(text) + "\n")
-    assert subprocess.run([harness, "servo", "wrong.csv"], cwd=folder, capture_output=True).returncode == 1
-    assert subprocess.run([harness, "servo", "absent.csv"], cwd=folder, capture_output=True).returncode == 2
+    assert subprocess.run([harness, "servo", "wrong.csv"], cwd=folder, capture_output=True, check=False).returncode == 1
+    assert (
+        subprocess.run([harness, "servo", "absent.csv"], cwd=folder, capture_output=True, check=False).returncode == 2
+    )
 
 
 @needs_compiler
@@ -268,7 +273,7 @@ def test_valgrind_finds_nothing(folder, harness):
     for kind in ("servo", "nmpc"):
         line = ["valgrind", "-q", "--error-exitcode=9", "--leak-check=full", harness, kind, "short.csv"]
         # started in the middle of a recording it commands something else, which is no fault
-        assert subprocess.run(line, cwd=folder, capture_output=True).returncode in (0, 1)
+        assert subprocess.run(line, cwd=folder, capture_output=True, check=False).returncode in (0, 1)
 
 
 @pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="no ARM compiler")
@@ -284,7 +289,7 @@ def test_a_cortex_m7_takes_it(folder):
 
 def test_slips_are_one_line(tmp_path):
     with pytest.raises(UserError, match="--to"):
-        command.main([])
+        command.main(["m.json", "--to", "matlab"])
     with pytest.raises(UserError, match="--alpha 2"):
         command.main(["m.json", "--to", "c", "--alpha", "2"])
     with pytest.raises(UserError, match="cannot read the model"):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import zipfile
 
+import helpers
 import numpy as np
 import pytest
 
-import helpers
 from controllers.control_model import ControlModel
 from controllers.export.fmu import fmu_bytes, units
 from controllers.export.pieces import tuned
@@ -95,7 +95,7 @@ def test_a_parameter_of_the_plant_can_be_set(files, found):
 @pytest.mark.parametrize("name", ["servo", "nmpc"])
 def test_a_controller_commands_as_in_python(name, files, found):
     controller = getattr(found, name)
-    track = hard_track(found.model, controller.sample_time, 0.3, controller.preview)
+    track = hard_track(found.model, controller.sample_time, 0.4, controller.preview, 0.15 if name == "nmpc" else 0.0)
     run = record(controller, ModelPlant(found.model), track, SUPPLY, seed=5)
     columns = dict(zip(("x", "p1", "p2", "psup"), run.seen.T, strict=True))
     for place, signal in enumerate(("position", "velocity", "acceleration", "jerk")[: 4 if name == "servo" else 2]):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -26,7 +27,7 @@ without MODEL the embedded demonstration's model is exported into pneuid-demo/ex
 _NEXT = {
     "c": "make -C {folder} check",
     "fmu": "fmpy validate {folder}/pneuid_plant.fmu",
-    "control": "read {folder}/report.md",
+    "control": "see {folder}/report.md",
 }
 
 
@@ -39,8 +40,8 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument(
         "--to",
         choices=tuple(BUNDLES),
-        required=True,
-        help="C99 source, FMI 2.0 units, or python-control matrices and plots",
+        default="c",
+        help="C99 source (the default), FMI 2.0 units, or python-control matrices and plots",
     )
     found.add_argument(
         "--alpha", type=float, default=0.8, help="share of the friction model that is believed, 0 to 1 (0.8)"
@@ -70,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     write_files(folder, files)
     console = Console(highlight=False, markup=False, soft_wrap=True)
     console.print(f"wrote {len(files)} files to {folder}: {', '.join(sorted(files))}")
-    console.print(f"next: {_NEXT[given.to].format(folder=folder)}")
+    console.print(f"next: {_NEXT[given.to].format(folder=shlex.quote(str(folder)))}")
 
 
 def _demo_model() -> Model:

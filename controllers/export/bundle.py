@@ -23,6 +23,9 @@ Doing = Callable[[str], None]
 EQUAL = 1e-9
 """Largest difference in V between the command of the C and of Python, at every sample of the recordings."""
 
+FAST_MOVE = 0.4
+"""Seconds in which the predictive controller's recording covers an eighth of the stroke; see ``hard_track``."""
+
 
 def c_bundle(found: Controllers, name: str, doing: Doing) -> dict[str, bytes]:
     """The folder of C with recordings, harness, Makefile and README, checked against Python where there is a compiler.
@@ -51,7 +54,8 @@ def c_bundle(found: Controllers, name: str, doing: Doing) -> dict[str, bytes]:
 
 def recording(controller: Controller, found: Controllers, seconds: float = 1.0) -> Recorded:
     """A hard closed loop on the identified model, noise included."""
-    track = hard_track(found.model, controller.sample_time, seconds, controller.preview)
+    lasts = FAST_MOVE if controller is found.nmpc else 0.0
+    track = hard_track(found.model, controller.sample_time, seconds, controller.preview, lasts)
     return record(controller, ModelPlant(found.model), track, found.design_supply, seed=1)
 
 

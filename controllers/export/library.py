@@ -52,8 +52,8 @@ class _Exported:
     def __init__(self, library: Path) -> None:
         self._library = ctypes.CDLL(str(library))
         self._size = structure_bytes(library, self.stem)
-        self._memory = ctypes.create_string_buffer(self._size)
-        self._function("init", None)(self._memory)
+        self.structure = ctypes.create_string_buffer(self._size)
+        self._function("init", None)(self.structure)
         self._begin, self._step = self._function("start", ctypes.c_int), self._function("step", ctypes.c_double)
 
     def _function(self, verb: str, result: type | None) -> ctypes._NamedFuncPointer:
@@ -68,16 +68,21 @@ class _Exported:
         Raises ``ValueError`` when the first measurement is not finite.
         """
         seen, target = np.ascontiguousarray(seen, dtype=float), np.ascontiguousarray(target, dtype=float)
-        if self._begin(self._memory, seen.ctypes.data) != 0:
-            raise ValueError("a controller starts from finite measurements")
-        rows, ahead = seen.ctypes.data, target.ctypes.data
-        wide = seen.strides[0]
-        return np.array([self._step(self._memory, rows + k * wide, ahead + k * wide) for k in range(len(seen))])
+        self.begin(seen[0])
+        return np.array([self.step(row, target[k:]) for k, row in enumerate(seen)])
 
+    def begin(self, seen: Array) -> None:
+        """Start at rest at ``seen`` ``(4,)``. Raises ``ValueError`` when it is not finite."""
+        if self._begin(self.structure, seen.ctypes.data) != 0:
+            raise ValueError("a controller starts from finite measurements")
+
+    def step(self, seen: Array, target: Array) -> float:
+        """Command in V for a measurement ``(4,)`` and a reference ``(preview, 4)``, both of C order and float64."""
+        return float(self._step(self.structure, seen.ctypes.data, target.ctypes.data))
 
     def memory(self, size: int) -> Array:
         """A copy of the controller's memory ``(size,)``, as its Python counterpart shows it."""
-        place = self._function("memory", ctypes.c_void_p)(self._memory)
+        place = self._function("memory", ctypes.c_void_p)(self.structure)
         return np.array((ctypes.c_double * size).from_address(place))
 
 

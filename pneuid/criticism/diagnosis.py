@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import pandas as pd
+
+from pneuid.criticism.frames import notebook_html
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -54,3 +58,24 @@ class Diagnosis:
             "schema": 1, "verdict": self.verdict, "effects": list(self.effects), "ranking": ranking, "unknown": unknown,
             "next_experiment": self.next_experiment, "sentences": list(self.sentences),
         }  # fmt: skip
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The ranking, a row per effect, best first; all numbers are shares, ratios or probabilities (``unit`` 1)."""
+        rows = [
+            {
+                "effect": item.effect, "equation": item.equation, "named": item.effect in self.effects,
+                "screen_gain": item.screen_gain, "hold_out_error_ratio": item.hold_out_error_ratio,
+                "excess_explained": item.excess_explained, "p_value": item.p_value, "unit": "1",
+                "indistinguishable_from": ", ".join(item.indistinguishable_from),
+            }
+            for item in self.ranking
+        ]  # fmt: skip
+        numbers = ["screen_gain", "hold_out_error_ratio", "excess_explained", "p_value"]
+        columns = ["effect", "equation", "named", *numbers, "unit", "indistinguishable_from"]
+        frame = pd.DataFrame(rows, columns=columns).set_index("effect")
+        return frame.astype(dict.fromkeys(numbers, float))
+
+    def _repr_html_(self) -> str:
+        """Verdict and ranking, as a notebook shows them."""
+        names = f": {', '.join(self.effects)}" if self.effects else ""
+        return notebook_html(f"verdict {self.verdict}{names}", self.to_pandas().drop(columns="unit"))

@@ -2,12 +2,13 @@
 
 Every candidate is an extra column of the relaxed cost at its off-value. One pass of the interval Jacobian with all columns,
 projected orthogonal to the fitted parameters and the nodes, predicts each one's drop of the cost (a score test; Rao,
-Proc. Cambridge Phil. Soc. 44 (1948) 50). Candidates whose predicted changes are collinear cannot be told apart.
+Proc. Cambridge Phil. Soc. 44 (1948) 50). Candidates whose predicted changes are collinear cannot be told apart. The pass is
+made in batches of a few effects, because the compiled code grows with the square of its columns.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,13 +18,25 @@ from scipy.sparse.linalg import splu
 
 from pneuid.effect import Effect
 from pneuid.estimation.fit import Fit
-from pneuid.estimation.shooting import Shooting
+from pneuid.estimation.shooting import THREADS, Shooting
 from pneuid.estimation.solver import relaxed_system
 from pneuid.physics.smoothing import COARSE
 from pneuid.plant import Plant
 
 COLLINEAR = 0.9
 """Correlation of predicted changes above which two effects are one group."""
+
+BATCH_COLUMNS, BATCH_STATES = 9, 3
+"""Amplitudes and states of the effects that share a pass."""
+
+TELLABLE = 3.0
+"""Predicted drop below which an effect's change is noise and is grouped with nothing."""
+
+LEADING = 0.05
+"""Share of the largest predicted drop below which an effect is not looked at for its group."""
+
+PROBE = 1e-6
+"""Share of a predicted step by which its change of the residuals is taken as a difference."""
 
 
 @dataclass(frozen=True)
@@ -38,20 +51,100 @@ class Score:
     group: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class _Change:
+    """What one effect's best step does to the extended problem that it was screened in.
+
+    base : inner products of the change with the fitted columns (parameters and nodes).
+    """
+
+    effect: Effect
+    drop: float
+    problem: Shooting
+    X: np.ndarray
+    columns: np.ndarray
+    step: np.ndarray
+    base: np.ndarray
+
+    @property
+    def start(self) -> dict[str, float]:
+        """Amplitudes (SI, inside their bounds) after the step."""
+        pairs = zip(self.columns, self.step, strict=True)
+        return {self.problem.free[j]: _moved(self.problem, j, d) for j, d in pairs}
+
+    def raw(self) -> np.ndarray:
+        """The change of weighted outputs and scaled defects itself, stacked."""
+        ahead, behind = self.X.copy(), self.X.copy()
+        ahead[self.columns] += PROBE * self.step
+        behind[self.columns] -= PROBE * self.step
+        return (_response(self.problem, ahead) - _response(self.problem, behind)) / (2 * PROBE)
+
+
 def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list[Score]:
     """Scores of ``candidates`` on the relaxed solution of ``fit``, best first.
 
     ``order`` is the catalogue's order of effect names, which is the order of maps at a shared port.
     """
+    present = {effect.name for effect in fit.plant.effects}
     chosen = [
         effect
         for effect in candidates
-        if fit.plant.rig.kind in effect.rigs
-        and fit.plant.law.name in effect.laws
-        and effect not in fit.plant.effects
+        if fit.plant.rig.kind in effect.rigs and fit.plant.law.name in effect.laws and effect.name not in present
     ]
     if not chosen:
         return []
+    fitted = _Fitted(fit)
+    changes = [change for batch in _batches(fit.plant, chosen) for change in _screened(fitted, batch, order)]
+    groups = _groups(fitted, changes)
+    found = [
+        Score(change.effect, change.drop, float(change.drop / max(fit.relaxed_cost, 1e-12)), change.columns.size,
+              change.start, groups[change.effect.name])
+        for change in changes
+    ]  # fmt: skip
+    return sorted(found, key=lambda score: -score.drop)
+
+
+class _Fitted:
+    """What was fitted: the free variables of the relaxed problem and a solver for their Hessian."""
+
+    def __init__(self, fit: Fit) -> None:
+        self.fit = fit
+        problem, X = fit.problem, fit.relaxed.X
+        q = X[: problem.nq]
+        width = problem.scaling.upper - problem.scaling.lower
+        held = (q - problem.scaling.lower < 1e-3 * width) | (problem.scaling.upper - q < 1e-3 * width)
+        self.free = np.concatenate([np.flatnonzero(~held), np.arange(problem.nq, problem.size)])
+        gradient, hessian = relaxed_system(problem, X)
+        H = hessian[self.free][:, self.free]
+        self.gradient = gradient[self.free]
+        self.solver = splu((H + sp.diags(1e-9 * H.diagonal() + 1e-12)).tocsc())
+        self.solved = self.solver.solve(self.gradient)
+
+    def places(self, problem: Shooting) -> np.ndarray:
+        """Positions of the free variables in an extended problem."""
+        rows = [problem.plant.states.index(name) for name in self.fit.plant.states]
+        nodes = problem.nq + problem.ns * np.arange(problem.nint)[:, None] + np.array(rows)
+        return np.concatenate([np.arange(self.fit.problem.nq), nodes.ravel()])[self.free]
+
+
+def _batches(plant: Plant, chosen: Sequence[Effect]) -> Iterator[list[Effect]]:
+    """The candidates in their order, a few amplitudes and states at a time."""
+    batch: list[Effect] = []
+    columns = states = 0
+    for effect in chosen:
+        own = sum(item.off is not None for item in effect.parameters(plant.rig, plant.law))
+        if batch and (columns + own > BATCH_COLUMNS or states + len(effect.states) > BATCH_STATES):
+            yield batch
+            batch, columns, states = [], 0, 0
+        batch.append(effect)
+        columns, states = columns + own, states + len(effect.states)
+    if batch:
+        yield batch
+
+
+def _screened(fitted: _Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> list[_Change]:
+    """Predicted changes by the effects of one batch."""
+    fit = fitted.fit
     position = {name: i for i, name in enumerate(order)}
     every = sorted([*fit.plant.effects, *chosen], key=lambda effect: position.get(effect.name, len(position)))
     plant = Plant(fit.plant.rig, fit.plant.law.name, every)
@@ -59,24 +152,49 @@ def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list
     gradient, hessian = relaxed_system(problem, X)
     columns = {effect.name: _columns(problem, plant, effect) for effect in chosen}
     extra = np.concatenate([columns[effect.name] for effect in chosen])
-    M, g, place = _projected(problem, X, gradient, hessian, extra)
-    steps = {name: _best_step(problem, M, g, [place[j] for j in index], index) for name, index in columns.items()}
-    drops = {name: _drop(M, g, [place[j] for j in columns[name]], step) for name, step in steps.items()}
+    row = {int(j): i for i, j in enumerate(extra)}
+    cross = hessian[fitted.places(problem)][:, extra].toarray()
+    # orthogonal to the fitted parameters and nodes
+    M = hessian[extra][:, extra].toarray() - cross.T @ fitted.solver.solve(cross)
+    M, g = 0.5 * (M + M.T), gradient[extra] - cross.T @ fitted.solved
     found = []
     for effect in chosen:
-        name = effect.name
-        mates = [
-            other.name
-            for other in chosen
-            if other is not effect
-            and drops[other.name] > 0.0
-            and drops[name] > 0.0
-            and _collinear(M, place, columns, steps, name, other.name) > COLLINEAR
-        ]
-        start = {problem.free[j]: _moved(problem, j, d) for j, d in zip(columns[name], steps[name], strict=True)}
-        gain = drops[name] / max(fit.relaxed_cost, 1e-12)
-        found.append(Score(effect, drops[name], float(gain), len(columns[name]), start, tuple(mates)))
-    return sorted(found, key=lambda score: -score.drop)
+        index = columns[effect.name]
+        rows = [row[int(j)] for j in index]
+        step = _best_step(problem, M, g, rows, index)
+        found.append(_Change(effect, _drop(M, g, rows, step), problem, X, index, step, cross[:, rows] @ step))
+    return found
+
+
+def _response(problem: Shooting, X: np.ndarray) -> np.ndarray:
+    """Weighted outputs and scaled defects of the relaxed problem, stacked, candidates' own states left out."""
+    q, nodes = problem.split(X)
+    run = problem.function.trajectory.map(problem.nint, "thread", THREADS)
+    outputs, states = run(nodes, problem.data, problem.theta(q))
+    shown = np.asarray(outputs) * problem.data[-len(problem.plant.outputs) :]
+    ends = np.asarray(states)[:, problem.samples :: problem.samples + 1]
+    base = len(problem.plant.core_states)
+    defects = (ends / problem.state_scale[:, None])[:base, problem.linked] / problem.relaxation
+    return np.concatenate([shown.ravel(), defects.ravel()])
+
+
+def _groups(fitted: _Fitted, changes: Sequence[_Change]) -> dict[str, tuple[str, ...]]:
+    """For every leading effect those whose predicted changes are collinear with its own, orthogonal to what is fitted."""
+    groups: dict[str, tuple[str, ...]] = {change.effect.name: () for change in changes}
+    least = max(TELLABLE, LEADING * max(change.drop for change in changes))
+    leading = [change for change in changes if change.drop > least]
+    if len(leading) < 2:
+        return groups
+    base = np.column_stack([change.base for change in leading])
+    raw = np.column_stack([change.raw() for change in leading])
+    M = raw.T @ raw - base.T @ fitted.solver.solve(base)
+    size = np.sqrt(np.maximum(np.diag(M), 1e-300))
+    near = np.abs(M / np.outer(size, size)) > COLLINEAR
+    for i, change in enumerate(leading):
+        groups[change.effect.name] = tuple(
+            other.effect.name for j, other in enumerate(leading) if j != i and near[i, j]
+        )
+    return groups
 
 
 def _columns(problem: Shooting, plant: Plant, effect: Effect) -> np.ndarray:
@@ -101,11 +219,14 @@ def _extended(fit: Fit, plant: Plant, chosen: Sequence[Effect]) -> tuple[Shootin
     problem = Shooting(plant, fit.runs, free, values, fit.ranges, old.substeps, old.samples)
     problem.set_smoothing(COARSE)
     problem.relaxation = old.relaxation
+    fresh = [plant.states.index(state.name) for effect in chosen for state in effect.states]
+    # candidates' own states follow by themselves: on a scale far above their size their defects weigh nothing
+    problem.state_scale = problem.state_scale.copy()
+    problem.state_scale[fresh] *= 1e9
     _, nodes = old.split(fit.relaxed.X)
     wide = np.zeros((problem.ns, problem.nint))
     for i, name in enumerate(fit.plant.states):
         wide[plant.states.index(name)] = nodes[i]
-    fresh = [plant.states.index(state.name) for effect in chosen for state in effect.states]
     q = problem.scaling.to_q(np.array([values[name] for name in free]))
     _roll_out(problem, q, wide, fresh)
     return problem, problem.join(q, wide)
@@ -125,25 +246,6 @@ def _roll_out(problem: Shooting, q: np.ndarray, nodes: np.ndarray, fresh: Sequen
             nodes[rows, i] = s
             end, _ = problem.function.values(nodes[:, i], problem.data[:, i * K : (i + 1) * K], theta[:, i])
             s = np.asarray(end).ravel()[rows]
-
-
-def _projected(
-    problem: Shooting, X: np.ndarray, gradient: np.ndarray, hessian: sp.csc_matrix, extra: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, dict[int, int]]:
-    """Gram matrix and gradient of the extra columns, orthogonal to base parameters and nodes; column -> row there."""
-    q = X[: problem.nq]
-    width = problem.scaling.upper - problem.scaling.lower
-    held = (q - problem.scaling.lower < 1e-3 * width) | (problem.scaling.upper - q < 1e-3 * width)
-    held[extra] = True
-    base = np.concatenate([np.flatnonzero(~held), np.arange(problem.nq, problem.size)])
-    H = hessian.tocsc()
-    Hbb, Hbc = H[base][:, base], H[base][:, extra].toarray()
-    diagonal = Hbb.diagonal()
-    solver = splu((Hbb + sp.diags(1e-9 * diagonal + 1e-12)).tocsc())
-    solved = solver.solve(np.column_stack([Hbc, gradient[base]]))
-    M = H[extra][:, extra].toarray() - Hbc.T @ solved[:, :-1]
-    g = gradient[extra] - Hbc.T @ solved[:, -1]
-    return 0.5 * (M + M.T), g, {int(j): i for i, j in enumerate(extra)}
 
 
 def _best_step(problem: Shooting, M: np.ndarray, g: np.ndarray, rows: list[int], index: np.ndarray) -> np.ndarray:
@@ -176,12 +278,3 @@ def _at(problem: Shooting, j: int) -> np.ndarray:
 
 def _drop(M: np.ndarray, g: np.ndarray, rows: list[int], step: np.ndarray) -> float:
     return float(max(0.0, -(g[rows] @ step + 0.5 * step @ M[np.ix_(rows, rows)] @ step)))
-
-
-def _collinear(M: np.ndarray, place: dict, columns: dict, steps: dict, a: str, b: str) -> float:
-    """Correlation of the predicted changes of the residuals by two effects."""
-    ra, rb = [place[j] for j in columns[a]], [place[j] for j in columns[b]]
-    both = steps[a] @ M[np.ix_(ra, rb)] @ steps[b]
-    one = steps[a] @ M[np.ix_(ra, ra)] @ steps[a]
-    two = steps[b] @ M[np.ix_(rb, rb)] @ steps[b]
-    return float(abs(both) / np.sqrt(max(one * two, 1e-300)))

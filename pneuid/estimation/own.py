@@ -36,11 +36,19 @@ class Own:
         found = []
         if "mass" in self.free:
             found.append(
-                Parameter(key("mass", self.run), "m", "kg", self.mass / 5, self.mass * 5, self.mass, 1.0, _SOURCE, True)
+                Parameter(
+                    key("mass", self.run), "m", "kg", self.mass / 5, self.mass * 5, self.mass, 1.0, _SOURCE, True,
+                    experiment="fast reversals with this load",
+                )  # fmt: skip
             )
         if "supply" in self.free and self.supply is not None:
             low, high = 0.3 * self.supply, 2.0 * self.supply
-            found.append(Parameter(key("supply", self.run), "p_s", "Pa", low, high, self.supply, 1.0, _SOURCE, True))
+            found.append(
+                Parameter(
+                    key("supply", self.run), "p_s", "Pa", low, high, self.supply, 1.0, _SOURCE, True,
+                    experiment="large steps of the command at this supply, or its pressure recorded (psup)",
+                )  # fmt: skip
+            )
         return tuple(found)
 
 

@@ -277,7 +277,7 @@ class Shooting:
         value, jacobian = (np.asarray(item) for item in self._constraint_function(theta))
         size = self._constraint_size
         slope = np.zeros((value.size, self.nq))
-        slope[:, self._shared] = jacobian.reshape(value.size, -1)
+        slope[:, self._shared] = jacobian.reshape(value.size, len(self._shared))
         return value.ravel() / size, slope * self.scaling.slope(q) / size[:, None]
 
     @cached_property

@@ -157,7 +157,7 @@ def curves(result: StudyResult, chosen: Sequence[Condition]) -> Figure:
                 [1e3 * p.v for p in inside], [p.force - offset for p in inside], [p.scatter for p in inside], fmt=mark, ms=3.8,
                 color=color, mfc="white", lw=0.8, label=_words(item, patm) if axes is wide else None,
             )  # fmt: skip
-    near.set_title("slow, extending")
+    near.set_title("slow, extending", loc="right")
     for axes in (wide, near):
         axes.set_xlabel("speed v (mm/s)")
         axes.xaxis.set_major_locator(ticks(6))
@@ -265,6 +265,8 @@ def verification(result: StudyResult) -> Figure:
             ("joint fit", style.SIMULATED, "--", result.joint_values),
         )
         for name, color, dash, values in routes:
+            if "Fc" not in values:
+                continue
             above.plot(1e3 * dense, steady(values, dense, ps, dp), color=color, ls=dash, label=name)
             left = np.sign(v) * force - steady(values, np.abs(v), ps, dp)
             below.plot(1e3 * np.abs(v), left, mark, ms=4.5, color=color, mfc="white" if dash == "-" else color)

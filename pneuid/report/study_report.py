@@ -34,11 +34,10 @@ def verification_errors(result: StudyResult) -> list[dict[str, Any]]:
         ps, dp = item.p1 - study.rig.patm, item.p1 - item.p2
         offset = 0.0 if item.offset is None else item.offset.value
         v, force = (np.array(column) for column in zip(*((p.v, p.force - offset) for p in item.points), strict=True))
-        routes = {"classic": study.coefficients(), "joint": result.joint_values}
-        for route, coefficients in routes.items():
-            if "Fc" not in coefficients:
+        classic = {name: value.value for name, value in study.coefficients().items()}
+        for route, plain in {"classic": classic, "joint": result.joint_values}.items():
+            if "Fc" not in plain:
                 continue
-            plain = {name: value.value if isinstance(value, Value) else value for name, value in coefficients.items()}
             entry: dict[str, Any] = {"p1": ps, "p2": ps - dp, "route": route}
             entry["points"] = float(np.max(np.abs(steady(plain, v, ps, dp) - force)))
             if result.truth is not None:
@@ -103,8 +102,8 @@ def route_rows(result: StudyResult) -> list[tuple[str, ...]]:
             if pair is None:
                 cells += ["not seen", "—"]
                 continue
-            value, std = pair
-            cells += with_error(factor * value, None if std is None else factor * std)
+            size, std = pair
+            cells += with_error(factor * size, None if std is None else factor * std)
         if result.truth is not None:
             true = result.truth[name]
             cells.append(number(factor * true, 4))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pneuid.report.quantities import percent, probability, times
-from pneuid.workbench.look import ACCEPTED, FREE_RUN, MARKS, NEUTRAL, PLOTLY_MARKS, REJECTED, RESIDUAL, Ink
+from pneuid.workbench.look import ACCEPTED, FREE_RUN, MARKS, NEUTRAL, PLOTLY_MARKS, REJECTED, Ink
 from pneuid.workbench.payload import Channel
 from pneuid.workbench.traces import CONFIG, axis_style, base_layout
 
@@ -64,7 +64,7 @@ def _note(text: str, ink: Ink) -> dict[str, Any]:
 
 def cloud(
     x: Channel, y: np.ndarray, label: str, inside: np.ndarray | None, ink: Ink, key: str, band: float = 0.0,
-    color: str = RESIDUAL,
+    color: str = "",
 ) -> Figure:  # fmt: skip
     """``y`` (N,) against a signal, the samples of the chosen region on top in the colour of a highlight."""
     good = np.isfinite(y) & np.isfinite(x.values)
@@ -73,7 +73,9 @@ def cloud(
     layout = base_layout(ink, key)
     layout["margin"] |= {"t": 26, "r": 10}
     layout["xaxis"], layout["yaxis"] = axis_style(ink, x.label), axis_style(ink, label)
-    data = [_dots(x.values[chosen], y[chosen], color, "all samples" if inside is not None else "", 0.35)]
+    data = [
+        _dots(x.values[chosen], y[chosen], color or ink.residual, "all samples" if inside is not None else "", 0.35)
+    ]
     if inside is not None:
         within = chosen[inside[chosen]]
         data.append(_dots(x.values[within], y[within], FREE_RUN, "in the region", 0.9))

@@ -32,10 +32,11 @@ class Ink:
     grid: str
     paper: str
     highlight: str
+    residual: str
 
 
-LIGHT = Ink(MEASURED_LIGHT, SIMULATED, "#1b1f24", "#e3e3e3", "#ffffff", "rgba(230,159,0,0.22)")
-DARK = Ink(MEASURED_DARK, "#56b4e9", "#e6e9ed", "#3a424b", "#1b2026", "rgba(230,159,0,0.30)")
+LIGHT = Ink(MEASURED_LIGHT, SIMULATED, "#1b1f24", "#e3e3e3", "#ffffff", "rgba(230,159,0,0.22)", RESIDUAL)
+DARK = Ink(MEASURED_DARK, "#56b4e9", "#e6e9ed", "#3a424b", "#1b2026", "rgba(230,159,0,0.17)", "#e08fd0")
 
 
 def ink(dark: bool) -> Ink:

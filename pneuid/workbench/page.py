@@ -34,7 +34,7 @@ body { background:var(--ground); color:var(--ink); font-size:15px; }
 .panel { background:var(--panel); border:1px solid var(--line); border-radius:6px; padding:12px 14px; }
 .soft { color:var(--soft); font-size:14px; }
 .head { font-weight:600; font-size:16px; }
-.tabs .q-btn { color:var(--ink); border-radius:6px 6px 0 0; border-bottom:3px solid transparent; padding:4px 12px; }
+.tabs .q-btn { color:var(--ink) !important; border-radius:6px 6px 0 0; border-bottom:3px solid transparent; padding:4px 12px; }
 .tabs .q-btn.chosen { border-bottom-color:#0072b2; font-weight:600; }
 body.body--dark .tabs .q-btn.chosen { border-bottom-color:#56b4e9; }
 .good { border-left:4px solid #009e73; } .warning { border-left:4px solid #d55e00; } .note { border-left:4px solid #0072b2; }
@@ -43,7 +43,8 @@ body.body--dark .tabs .q-btn.chosen { border-bottom-color:#56b4e9; }
 .plain th, .plain td { padding:4px 10px 4px 0; border-bottom:1px solid var(--line); }
 .plain .r { text-align:right; }
 .region { cursor:pointer; border:1px solid var(--line); border-radius:6px; padding:8px 10px; background:var(--panel); }
-.region:hover, .region:focus-visible { border-color:#e69f00; }
+.region:hover, .region.q-notification .q-btn { color:#fff !important; }
+:focus-visible { border-color:#e69f00; }
 .region.chosen { border:2px solid #e69f00; padding:7px 9px; }
 .run-row { border-bottom:1px solid var(--line); padding:5px 4px; border-left:4px solid transparent; cursor:pointer; }
 .run-row.chosen { border-left-color:#0072b2; background:rgba(0,114,178,.09); }

@@ -92,10 +92,12 @@ def stack(
     total, gap, top = sum(row.weight for row in rows), 0.018, 1.0
     height = 1.0 - gap * (len(rows) - 1)
     named: set[str] = set()
+    titles: list[dict[str, Any]] = []
     for k, row in enumerate(rows):
         axis = "y" if k == 0 else f"y{k + 1}"
         size = height * row.weight / total
         layout["yaxis" if k == 0 else f"yaxis{k + 1}"] = _axis(ink, row, (max(top - size, 0.0), top))
+        titles.append(_title(row.label, top, ink))
         top -= size + gap
         if row.band > 0:
             shapes.append({
@@ -113,7 +115,8 @@ def stack(
             named.add(line.name)
     last = "y" if len(rows) == 1 else f"y{len(rows)}"
     layout["xaxis"] = axis_style(ink, "t (s)") | {"anchor": last, "range": list(span or (float(t[0]), float(t[-1])))}
-    layout["shapes"] = shapes
+    layout["shapes"], layout["annotations"] = shapes, titles
+    layout["margin"] |= {"l": 58}
     layout["hovermode"] = "x"
     layout["dragmode"] = "zoom"
     return {"data": data, "layout": layout, "config": CONFIG}
@@ -146,9 +149,16 @@ def axis_style(ink: Ink, title: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _title(label: str, top: float, ink: Ink) -> dict[str, Any]:
+    """The label of a panel inside its upper left corner: turned on its side it would not fit a low panel."""
+    return {
+        "text": label, "xref": "paper", "yref": "paper", "x": 0.004, "y": top, "xanchor": "left", "yanchor": "top",
+        "showarrow": False, "font": {"size": 13, "color": ink.text}, "bgcolor": ink.paper, "opacity": 0.85, "borderpad": 1,
+    }  # fmt: skip
+
+
 def _axis(ink: Ink, row: Row, domain: tuple[float, float]) -> dict[str, Any]:
-    style = axis_style(ink, row.label.replace(" (", "<br>(", 1)) | {"domain": list(domain), "nticks": 5}
-    style["title"]["standoff"] = 4
+    style = axis_style(ink, "") | {"domain": list(domain), "nticks": 5 if row.weight >= 1.0 and not row.band else 3}
     framing = row.lines[: row.framing] if row.framing else row.lines
     ends = [(np.nanmin(line.values), np.nanmax(line.values)) for line in framing if np.isfinite(line.values).any()]
     low = min([float(a) for a, _ in ends] + ([-row.band] if row.band else []), default=0.0)

@@ -40,10 +40,9 @@ class Law:
 
     def at(self, ps: np.ndarray | float, dp: np.ndarray | float) -> np.ndarray | float:
         """The law at gauge pressures, Pa."""
-        found = self.base.value
-        if self.ps is not None:
-            found = found + self.ps.value * ps
-        return found if self.dp is None else found + self.dp.value * dp
+        first = 0.0 if self.ps is None else self.ps.value
+        second = 0.0 if self.dp is None else self.dp.value
+        return self.base.value + first * ps + second * dp
 
     @property
     def needed(self) -> bool | None:

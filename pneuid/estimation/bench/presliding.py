@@ -11,7 +11,7 @@ import numpy as np
 from pneuid.errors import UserError
 from pneuid.estimation.bench.motion import refined_motion
 from pneuid.estimation.bench.sections import Section, constant_velocity_sections
-from pneuid.estimation.bench.steady import Condition, Value, friction_of
+from pneuid.estimation.bench.steady import SAME_SPEED, Condition, Value, friction_of
 from pneuid.estimation.differentiate import spline_motion
 from pneuid.recording import Recording
 from pneuid.rig import Rig
@@ -77,7 +77,9 @@ def presliding(rig: Rig, condition: Condition, runs: Sequence[Recording], noise:
         force = friction_of(rig, run)
         found = [_slope(run, force, noise, *pair) for pair in turns]
         slopes += [slope for slope in found if slope is not None]
-        if len(turns) > max(loop_turns, 1):
+        speeds = np.array([abs(section.v) for pair in turns for section in pair])
+        # strokes of several speeds are no loop
+        if len(turns) > max(loop_turns, 1) and np.ptp(speeds) < SAME_SPEED * speeds.max():
             loop_turns = len(turns)
             part = slice(turns[0][0].first, turns[-1][1].last)
             loop = Loop(run.name, run.signals["x"][part], run.signals["F"][part], force[part])

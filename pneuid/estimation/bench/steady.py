@@ -34,7 +34,8 @@ LEAST_RATIO = 4.0
 LONG_ENOUGH = 0.5
 """Sections shorter than this share of the longest at their speed are left out: friction may not have settled in them."""
 
-SIMPLEX = {"xatol": 1e-9, "fatol": 1e-14, "maxiter": 4000, "maxfev": 8000}
+XATOL, FATOL, LONGEST = 1e-9, 1e-14, 4000
+"""Where the simplex search ends: parameters relative to their start, sum of squares in N^2, iterations."""
 
 DOUBT = 1e-3
 """Probability of the falling part by chance above which it is not taken for seen."""
@@ -85,9 +86,9 @@ class Condition:
 
     def steady(self, v: np.ndarray) -> np.ndarray:
         """Fitted steady friction (N,) in N at speeds ``v`` (m/s), offset left out; eq. 8."""
-        level = self.Fc.value
+        level = np.full(v.shape, self.Fc.value)
         if self.Fs is not None and self.vs is not None:
-            level = level + (self.Fs.value - level) * np.exp(-((v / self.vs.value) ** 2))
+            level += (self.Fs.value - self.Fc.value) * np.exp(-((v / self.vs.value) ** 2))
         viscous = 0.0 if self.sigma2 is None else self.sigma2.value
         return np.asarray(level * np.sign(v) + viscous * v)
 
@@ -170,7 +171,8 @@ def _coefficients(v: np.ndarray, force: np.ndarray) -> tuple[_Estimates, str]:
     """What the points show of eq. 5, and the verdict on Fs and vs; an unseen coefficient is left out."""
     speeds = _distinct(np.abs(v))
     slowest = speeds[0]
-    line = _linear(v, force, len(speeds) > 1)
+    # over a narrow range of speeds Fc and the viscous part trade with each other
+    line = _linear(v, force, speeds[-1] >= LEAST_RATIO * slowest)
     if len(speeds) < LEAST_SPEEDS or speeds[-1] < LEAST_RATIO * slowest:
         word = "one speed shows" if len(speeds) == 1 else f"{len(speeds)} speeds show"
         return line, f"{word} the level of friction only: Fs and vs not seen"
@@ -260,7 +262,7 @@ def _stribeck(v: np.ndarray, force: np.ndarray) -> _Estimates:
 
     q = np.append(np.ones(4), centre / scale[4]) if both else np.ones(4)
     for _ in range(3):  # a restart keeps a flat simplex from ending early
-        q = minimize(cost, q, method="Nelder-Mead", options=SIMPLEX).x
+        q = minimize(cost, q, method="Nelder-Mead", options={"xatol": XATOL, "fatol": FATOL, "maxiter": LONGEST}).x
     values = q * scale
     steps = 1e-6 * scale
     jacobian = np.column_stack(

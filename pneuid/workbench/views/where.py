@@ -9,7 +9,7 @@ from nicegui import ui
 
 from pneuid.report.quantities import number, percent
 from pneuid.workbench.charts import cloud
-from pneuid.workbench.look import FREE_RUN, NEUTRAL, RESIDUAL
+from pneuid.workbench.look import FREE_RUN, NEUTRAL
 from pneuid.workbench.payload import ComparisonView, RunView
 from pneuid.workbench.regions import stretches
 from pneuid.workbench.traces import Line, Row, stack
@@ -116,7 +116,7 @@ def _plots(page: Any, found: ComparisonView) -> None:
 
     with ui.column().classes("panel w-full").style("padding:4px 6px"):
         zoomable(
-            figure, whole, "max(400px, calc(100vh - 372px))", "overlay", page.memory.get("where-span"), clouds.refresh
+            figure, whole, "max(470px, calc(100vh - 340px))", "overlay", page.memory.get("where-span"), clouds.refresh
         )
     clouds.draw(page.memory.get("where-span"))
 
@@ -132,7 +132,9 @@ def _rows(run: RunView, ink: Any) -> tuple[Row, ...]:
             lines.append(Line("free run", view.free, FREE_RUN, 1.1, "dash"))
         rows.append(Row(view.label, tuple(lines), 2.0, framing=2))
         rows.append(
-            Row(view.error_label, (Line("error: measured − predicted", view.error, RESIDUAL, 1.0),), 1.15, view.band)
+            Row(
+                view.error_label, (Line("error: measured − predicted", view.error, ink.residual, 1.0),), 1.15, view.band
+            )
         )
     context = run.features[run.context]
     rows.append(Row(context.label, (Line("", context.values, NEUTRAL, 1.2),), 0.9))
@@ -156,10 +158,10 @@ class _Clouds:
                     ui.select(list(run.features), value=memory["against"], on_change=self._against).props(
                         'dense options-dense borderless aria-label="signal to plot against"'
                     )
-                self.residual = chart(self._residual(span), "200px", "residual")
+                self.residual = chart(self._residual(span), "190px", "residual")
             with ui.column().classes("panel gap-0").style("width:50%;padding:4px 8px"):
                 ui.label("Phase plane: speed over position").classes("soft").style("line-height:40px")
-                self.phase = chart(self._phase(span), "200px", "phase")
+                self.phase = chart(self._phase(span), "190px", "phase")
 
     def _against(self, event: Any) -> None:
         self.page.memory["against"] = event.value
