@@ -3,10 +3,11 @@
     python benchmarks/plausibility_rates.py --seeds 1000 1020 --out benchmarks/results/plausibility.json
 
 Each seed draws a servo rig and a bench (bore 10 to 200 mm, 0.1 to 100 kg, 4 to 10 bar, 100 Hz to 10 kHz, the sheet's
-conductance up to a quarter off). A servo rig is driven by four excitations, each once with nothing hidden and once with a strong
-physical effect drawn at random; a bench by three motions at two pairs of pressures. Every record is checked alone, which is the hard
-case, as it is (any finding is false) and changed as a slip would change it (found: the slip's check is the first finding).
-Rigs that hide a delay (a slow sensor, a skew) count apart: there the delay's finding is right.
+conductance up to a quarter off). A servo rig is driven by four excitations, each once with nothing hidden and once
+with a strong physical effect drawn at random; a bench by three motions at two pairs of pressures. Every record is
+checked alone, which is the hard case, as it is (any finding is false) and changed as a slip would change it (found:
+the slip's check is the first finding). Rigs that hide a delay (a slow sensor, a skew) count apart: there the delay's
+finding is right.
 """
 
 from __future__ import annotations
@@ -84,7 +85,8 @@ def mirrored(record: Record, truth: Truth) -> Record:
 
 def turned(record: Record, truth: Truth) -> Record:
     """u the wrong way about the valve's null."""
-    assert isinstance(truth, TruthServo)
+    if not isinstance(truth, TruthServo):
+        raise TypeError(type(truth))
     return {**record, "u": 2.0 * truth.null - record["u"]}
 
 
@@ -213,7 +215,7 @@ def main() -> None:
     for seed in range(*given.seeds):
         for kind in given.kinds:
             {"servo": servo, "bench": bench}[kind](seed, count)
-        table = {key: value for key, value in vars(count).items()}
+        table = dict(vars(count))
         given.out.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
         print(f"seed {seed}: records {sum(count.records.values())}, false {dict(count.false)}", flush=True)
     for slip, tried in count.tried.items():

@@ -41,6 +41,20 @@ def rig_of(truth: TruthServo) -> Rig:
     )  # fmt: skip
 
 
+HIGHEST_GAUGE = 8.5e5
+"""Highest chamber pressure, Pa gauge, that the laws are taken to hold for: a 7 bar supply and what compression adds."""
+
+MARGIN = 0.1
+"""Share of the stroke at either end that recordings leave out."""
+
+
+def _ranges(truth: TruthServo) -> dict[str, float]:
+    """Pressures [Pa, absolute] and positions [m] as recordings of this rig would cover; they also decide the time step."""
+    ranges = {f"{name}_low": truth.patm for name in ("p1", "p2")}
+    ranges |= {f"{name}_high": truth.patm + HIGHEST_GAUGE for name in ("p1", "p2")}
+    return ranges | {"x_low": MARGIN * truth.stroke, "x_high": (1.0 - MARGIN) * truth.stroke}
+
+
 def nominal_model(truth: TruthServo, frozen_at: float | None = None) -> tuple[Plant, np.ndarray]:
     """Plant and theta with the virtual rig's own numbers.
 
@@ -59,6 +73,4 @@ def nominal_model(truth: TruthServo, frozen_at: float | None = None) -> tuple[Pl
     plant = Plant(rig_of(truth), "lugre", effects_by_name(["friction_pressure"] if lawful else []))
     if lawful:
         values |= {name: getattr(seal, slope) for name, slope in _SLOPES.items()}
-    # no limits: the laws are exact everywhere
-    ranges = {f"{name}_{end}": value for name in ("p1", "p2") for end, value in (("low", 0.0), ("high", 1e8))}
-    return plant, plant.theta(values, ranges | {"x_low": 0.0, "x_high": truth.stroke})
+    return plant, plant.theta(values, _ranges(truth))

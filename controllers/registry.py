@@ -34,12 +34,14 @@ PID_EVALUATIONS = 80
 class Entry:
     """One controller of the registry.
 
-    label : for figures; build : controller with the gains of the formulas; refine : better gains, in place.
+    label : for figures; build : controller with the gains of the formulas; refine : better gains, in place; compensates :
+    whether it uses the model's friction.
     """
 
     label: str
     build: Callable[[ControlModel, Design], Controller]
     refine: Callable[[Controller, ControlModel, Design], None]
+    compensates: bool = False
 
 
 def _refine_pid(controller: Any, model: ControlModel, design: Design) -> None:
@@ -47,7 +49,9 @@ def _refine_pid(controller: Any, model: ControlModel, design: Design) -> None:
     refine_gains(controller, names, Trial(model, design.supply), PID_EVALUATIONS)
 
 
-def _cascade(label: str, kind: type[Cascade], only: Callable[[CascadeGains], CascadeGains]) -> Entry:
+def _cascade(
+    label: str, kind: type[Cascade], only: Callable[[CascadeGains], CascadeGains], compensates: bool = False
+) -> Entry:
     """A member of the cascade family; ``only`` sets the gains that it does without to zero."""
 
     def build(model: ControlModel, design: Design) -> Controller:
@@ -61,10 +65,10 @@ def _cascade(label: str, kind: type[Cascade], only: Callable[[CascadeGains], Cas
 
         refine_bandwidth(controller, gains_at, Trial(model, design.supply))
 
-    return Entry(label, build, refine)
+    return Entry(label, build, refine, compensates)
 
 
-def _mpc(label: str, kind: type[Mpc], only: Callable[[MpcGains], MpcGains]) -> Entry:
+def _mpc(label: str, kind: type[Mpc], only: Callable[[MpcGains], MpcGains], compensates: bool = False) -> Entry:
     def build(model: ControlModel, design: Design) -> Controller:
         return kind(model, only(mpc_gains(model, design, SLOW)), SLOW)
 
@@ -76,16 +80,16 @@ def _mpc(label: str, kind: type[Mpc], only: Callable[[MpcGains], MpcGains]) -> E
 
         refine_bandwidth(controller, gains_at, Trial(model, design.supply))
 
-    return Entry(label, build, refine)
+    return Entry(label, build, refine, compensates)
 
 
 CONTROLLERS: dict[str, Entry] = {
     "pid": Entry("PID + feed-forward", lambda model, design: Pid(model, pid_gains(model, design), FAST), _refine_pid),
     "cascade": _cascade("cascade", Cascade, lambda gains: replace(gains, alpha=0.0)),
     "cascade_eso": _cascade("cascade + ESO", CascadeEso, lambda gains: replace(gains, alpha=0.0, integral=0.0)),
-    "servo": _cascade("servo (LuGre + ESO)", Servo, lambda gains: replace(gains, integral=0.0)),
+    "servo": _cascade("servo (LuGre + ESO)", Servo, lambda gains: replace(gains, integral=0.0), compensates=True),
     "nmpc_eso": _mpc("NMPC, ESO only", MpcEso, lambda gains: replace(gains, alpha=0.0)),
-    "nmpc": _mpc("NMPC (LuGre + ESO)", Mpc, lambda gains: gains),
+    "nmpc": _mpc("NMPC (LuGre + ESO)", Mpc, lambda gains: gains, compensates=True),
 }
 """Every controller by name."""
 

@@ -18,12 +18,15 @@ from pneuid.criticism.prediction import predict_free
 from pneuid.criticism.trust import trust
 from pneuid.effect import Effect
 from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
+from pneuid.effects._own_file import own_effects
+from pneuid.effects._spline import canonical
 from pneuid.errors import UserError
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.fit import fit as estimate
 from pneuid.estimation.preparation import prepare
 from pneuid.estimation.solver import Monitor
 from pneuid.model import Estimate, Model, model_of
+from pneuid.own_plant import checked_plant
 from pneuid.physics.friction import LAWS
 from pneuid.plant import Plant
 from pneuid.recording import Recording
@@ -45,7 +48,7 @@ class IdentifiedModel:
     @property
     def values(self) -> dict[str, float]:
         """Parameter values by name, SI."""
-        return self.content.values
+        return dict(self.content.values)
 
     def compare(self, runs: Sequence[Recording], hold_out: Sequence[Recording] = ()) -> Comparison:
         """Errors per signal on ``runs`` and ``hold_out``, where they are, and which balance leaves a defect."""
@@ -81,8 +84,8 @@ class IdentifiedModel:
             }
             for name, item in zip(self.values, trust(self.content), strict=True)
         ]  # fmt: skip
-        numbers = {name: float for name in ("value", "std", "low_95", "high_95", "lower", "upper")}
-        return pd.DataFrame(rows).set_index("parameter").astype(numbers)
+        numbers = ["value", "std", "low_95", "high_95", "lower", "upper"]
+        return pd.DataFrame(rows).set_index("parameter").astype(dict.fromkeys(numbers, float))
 
     def _repr_html_(self) -> str:
         """The parameters, as a notebook shows them."""
@@ -98,6 +101,7 @@ def fit(
     *,
     add: Sequence[str] = (),
     drop: Sequence[str] = (),
+    effect_files: Sequence[str | Path] = (),
     friction: str | None = None,
     start: Mapping[str, float] | None = None,
     name: str = "model",
@@ -107,16 +111,29 @@ def fit(
 ) -> IdentifiedModel:
     """Identify a model of ``rig`` from ``runs``.
 
-    add, drop : effects of the catalogue beside the rig's ``base_effects``; friction : law instead of the rig's;
-    start : parameter values (SI) to start from. Raises ``UserError`` for unknown names or unusable data.
+    add, drop : effects beside the rig's ``base_effects``: the catalogue's, ``spline:EQUATION(SIGNAL)``, and those of the
+    user's own ``effect_files``, which are run; friction : law instead of the rig's; start : parameter values (SI) to
+    start from. Raises ``UserError`` for unknown names or unusable data.
     """
-    plant = plant_of(rig, add, drop, friction)
+    plant = plant_of(rig, add, drop, friction, effect_files)
     found = estimate(plant, runs, start, monitor=monitor)
     return IdentifiedModel(model_of(found, name, hold_out, parent), found)
 
 
-def plant_of(rig: Rig, add: Sequence[str] = (), drop: Sequence[str] = (), friction: str | None = None) -> Plant:
+def own_of(effect_files: Sequence[str | Path]) -> tuple[Effect, ...]:
+    """The effects in a user's own files, which are run. Raises ``UserError`` naming file and line."""
+    return own_effects(effect_files, CATALOGUE | LAW_STEPS)
+
+
+def plant_of(
+    rig: Rig,
+    add: Sequence[str] = (),
+    drop: Sequence[str] = (),
+    friction: str | None = None,
+    effect_files: Sequence[str | Path] = (),
+) -> Plant:
     """The symbolic system of a rig with its base effects, plus ``add``, less ``drop``."""
+    own, add, drop = own_of(effect_files), [canonical(name) for name in add], [canonical(name) for name in drop]
     law = friction or rig.friction
     if law not in LAWS:
         raise UserError(f"friction law '{law}' is not known; choose one of {', '.join(LAWS)}")
@@ -127,7 +144,7 @@ def plant_of(rig: Rig, add: Sequence[str] = (), drop: Sequence[str] = (), fricti
     for name in drop:
         if name not in names:
             raise UserError(f"effect '{name}' cannot be dropped: the model has {', '.join(names) or 'no effects'}")
-    chosen = effects_by_name([name for name in names if name not in drop])
+    chosen = effects_by_name([name for name in names if name not in drop], own)
     for effect in chosen:
         if rig.kind not in effect.rigs:
             raise UserError(
@@ -137,7 +154,7 @@ def plant_of(rig: Rig, add: Sequence[str] = (), drop: Sequence[str] = (), fricti
             raise UserError(
                 f"effect '{effect.name}' cannot show with friction law '{law}'; it needs {' or '.join(effect.laws)}"
             )
-    return Plant(rig, law, chosen)
+    return checked_plant(rig, law, chosen)
 
 
 def _richer(law: str, step: Effect) -> str:
@@ -148,9 +165,12 @@ def _richer(law: str, step: Effect) -> str:
     return richer
 
 
-def load(path: str | Path) -> IdentifiedModel:
-    """Read model.json. Raises ``UserError`` for anything else."""
-    return IdentifiedModel(model_file.load(path))
+def load(path: str | Path, effect_files: Sequence[str | Path] = ()) -> IdentifiedModel:
+    """Read model.json; a model with a user's own effects needs their ``effect_files``, unchanged since, which are run.
+
+    Raises ``UserError`` for anything else, and where a file is missing or has changed.
+    """
+    return IdentifiedModel(model_file.load(path, own_of(effect_files)))
 
 
 def refitted(model: IdentifiedModel, runs: Sequence[Recording], monitor: Monitor | None = None) -> Fit:
@@ -166,8 +186,12 @@ def diagnose(
     hold_out: Sequence[Recording] = (),
     monitor: Monitor | None = None,
     say: decision.Say = lambda _: None,
+    effect_files: Sequence[str | Path] = (),
 ) -> decision.Verdict:
-    """As ``IdentifiedModel.diagnose``, with the rungs climbed; ``say`` receives a sentence per step."""
+    """As ``IdentifiedModel.diagnose``, with the rungs climbed; ``say`` receives a sentence per step.
+
+    effect_files : the user's own, whose effects are candidates beside the catalogue's.
+    """
     train, held = list(runs), list(hold_out)
     fitted = model.fitted
     if not held:
@@ -177,7 +201,8 @@ def diagnose(
     if not _same_runs(fitted, train):
         fitted = None
     base = fitted or refitted(IdentifiedModel(model.content), train, monitor)
-    return decision.diagnose(base, held, CATALOGUE | LAW_STEPS, monitor, say)
+    own = {effect.name: effect for effect in (*model.content.own, *own_of(effect_files))}
+    return decision.diagnose(base, held, CATALOGUE | own | LAW_STEPS, monitor, say)
 
 
 def _same_runs(fitted: Fit | None, runs: Sequence[Recording]) -> bool:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,6 +40,7 @@ from pneuid.terminal import (
     next_folder,
     result_folder,
     run_command,
+    warn,
     write_json,
 )
 from pneuid.virtual_rig import Friction, Motion, TruthBench
@@ -137,19 +141,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     embedded = not (given.rig or given.data or given.hold_out)
     if not embedded and not (given.rig and given.data):
         raise UserError("--rig and --data belong together; see --help for an example")
-    with Progress() as progress:
-        if embedded:
-            folder = result_folder(given.out, "bench", embedded, given.overwrite)
-            progress.doing("recording the study on the virtual bench")
-            bench = TruthBench()
-            runs = virtual_runs(bench, given.seed, STUDY_PRESSURES, STUDY_UNSEEN, study_motions())
-            truth: dict[str, float] | None = true_coefficients(bench.friction)
-        else:
-            runs, truth = _read(given), None
-            folder = result_folder(given.out, "bench", embedded, given.overwrite)
-        outcome = both_routes(runs, folder.name, given.xi, truth, progress)
-        progress.doing("drawing")
-        write_outcome(folder, outcome)
+    runs = None if embedded else _read(given)
+    with _results(given, embedded) as folder:
+        if runs is not None:
+            warn(runs.rig, [*runs.train, *runs.hold_out])
+        with Progress() as progress:
+            truth = None
+            if runs is None:
+                progress.doing("recording the study on the virtual bench")
+                bench = TruthBench()
+                runs = virtual_runs(bench, given.seed, STUDY_PRESSURES, STUDY_UNSEEN, study_motions())
+                truth = true_coefficients(bench.friction)
+            outcome = both_routes(runs, folder.name, given.xi, truth, progress)
+            progress.doing("drawing")
+            write_outcome(folder, outcome)
     console = Console(highlight=False, markup=False, soft_wrap=True)
     for line in summary_lines(outcome):
         console.print(line)
@@ -170,13 +175,34 @@ def _read(given: argparse.Namespace) -> Runs:
     return Runs(rig, every[: len(given.data)], every[len(given.data) :])
 
 
+@contextmanager
+def _results(given: argparse.Namespace, embedded: bool) -> Iterator[Path]:
+    """The folder for the results; one that is still empty when the work fails is taken away again."""
+    wanted = Path(given.out) if given.out else None
+    made = wanted is not None and not wanted.exists()
+    folder = result_folder(given.out, "bench", embedded, given.overwrite)
+    try:
+        yield folder
+    except BaseException:
+        if (made or wanted is None) and not any(folder.iterdir()):
+            folder.rmdir()
+        raise
+
+
 def write_outcome(folder: Path, outcome: Outcome) -> None:
-    """figures/, study.json, report.html and model.json; the model last, so that its presence means complete."""
+    """figures/, study.json, report.html and model.json: all made beside ``folder``, then moved in, the model last."""
     figures = study_figures(outcome.result)
-    write_figures(folder / "figures", figures)
-    write_json(folder / "study.json", study_json(outcome.result))
-    write_study(folder / "report.html", outcome.result, figures, outcome.model)
-    outcome.model.save(folder / "model.json")
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as name:
+        staged = Path(name)
+        write_figures(staged / "figures", figures)
+        write_json(staged / "study.json", study_json(outcome.result))
+        write_study(staged / "report.html", outcome.result, figures, outcome.model)
+        outcome.model.save(staged / "model.json")
+        # an old model beside new figures would look complete
+        (folder / "model.json").unlink(missing_ok=True)
+        shutil.rmtree(folder / "figures", ignore_errors=True)
+        for part in ("figures", "study.json", "report.html", "model.json"):
+            (staged / part).replace(folder / part)
 
 
 def summary_lines(outcome: Outcome) -> list[str]:

@@ -17,6 +17,7 @@ from pneuid.terminal import (
     DEMO_ROOT,
     CommandParser,
     Progress,
+    add_effect_file_option,
     add_output_options,
     command_line,
     next_folder,
@@ -38,6 +39,7 @@ def parser() -> argparse.ArgumentParser:
     )
     found.add_argument("model", nargs="?", metavar="MODEL", help="model.json of a fit")
     found.add_argument("--data", nargs="+", metavar="RUN", default=[], help="recordings to compare with")
+    add_effect_file_option(found)
     add_output_options(found)
     return found
 
@@ -56,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if bool(given.model) != bool(given.data):
         raise UserError("MODEL and --data belong together; see --help for an example")
     embedded = not given.model
-    model = api.load(demo_model() if embedded else given.model)
+    model = api.load(demo_model() if embedded else given.model, given.effect_file)
     if embedded:
         story = demo_runs()
         runs, held = story.train, story.hold_out
@@ -77,7 +79,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         console.print("next: python -m pneuid.diagnose")
     else:
         out = next_folder(folder, f"{folder.name}_diagnosed")
-        console.print(f"next: {command_line('pneuid.diagnose', given.model, data=given.data, out=[out])}")
+        line = command_line("pneuid.diagnose", given.model, data=given.data, effect_file=given.effect_file, out=[out])
+        console.print(f"next: {line}")
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from pneuid.story import demo_files, demo_runs, read_runs
 from pneuid.terminal import (
     CommandParser,
     Progress,
+    add_effect_file_option,
     add_output_options,
     command_line,
     next_folder,
@@ -39,6 +40,7 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument("model", nargs="?", metavar="MODEL", help="model.json of a fit")
     found.add_argument("--data", nargs="+", metavar="RUN", default=[], help="recordings the model is refitted on")
     found.add_argument("--hold-out", nargs="+", metavar="RUN", default=[], help="recordings to judge by")
+    add_effect_file_option(found)
     add_output_options(found)
     return found
 
@@ -50,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise UserError("MODEL and --data belong together; see --help for an example")
     embedded = not given.model
     path = demo_model() if embedded else given.model
-    model = api.load(path)
+    model = api.load(path, given.effect_file)
     if embedded:
         story = demo_runs()
         runs, held = story.train, story.hold_out
@@ -61,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     warn(model.content.rig, [*runs, *held])
     with Progress() as progress:
         progress.doing("fitting the model again on its relaxed problem")
-        found = api.diagnose(model, runs, held, progress.monitor, progress.doing)
+        found = api.diagnose(model, runs, held, progress.monitor, progress.doing, given.effect_file)
         progress.doing("comparing the model as it was with the recordings")
         comparison = model.compare(runs, held)
     diagnosis = found.diagnosis
@@ -72,12 +74,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         console.print(line)
     console.print(f"report: {folder / 'report.html'}")
     files = (demo_files("train"), demo_files("hold_out")) if embedded else (given.data, given.hold_out)
-    console.print(f"next: {_next(diagnosis, Path(path), files, folder)}")
+    console.print(f"next: {_next(diagnosis, Path(path), files, folder, given.effect_file)}")
     if embedded:
         console.print("or, from measurement to control: python -m controllers.study --chain")
 
 
-def _next(diagnosis: Diagnosis, path: Path, files: tuple[Sequence[str], Sequence[str]], folder: Path) -> str:
+def _next(
+    diagnosis: Diagnosis, path: Path, files: tuple[Sequence[str], Sequence[str]], folder: Path, own: Sequence[str]
+) -> str:
     if diagnosis.verdict == "adequate":
         return f"nothing is left to add; {path} is ready for use"
     if diagnosis.verdict != "effect":
@@ -85,7 +89,7 @@ def _next(diagnosis: Diagnosis, path: Path, files: tuple[Sequence[str], Sequence
     out = next_folder(path.parent, f"{path.parent.name}_better")
     return command_line(
         "pneuid.identify", from_=[path], add=diagnosis.effects, data=files[0], hold_out=files[1],
-        diagnosis=[folder / "diagnosis.json"], out=[out],
+        diagnosis=[folder / "diagnosis.json"], effect_file=own, out=[out],
     )  # fmt: skip
 
 

@@ -131,6 +131,14 @@ class Constraint:
     value: Expression
 
 
+@dataclass(frozen=True)
+class EffectFile:
+    """The file of a user's own effect: its name without folders, and the sha256 (hex) of its content."""
+
+    file: str
+    sha256: str
+
+
 class Effect:
     """One physical effect. Subclasses set the class attributes and override the ports they enter."""
 
@@ -153,6 +161,8 @@ class Effect:
     """Friction laws that it can stand beside."""
     richer_law: str | None = None
     """Law that takes the place of a simpler one when this is added; its ports then serve screening alone."""
+    origin: EffectFile | None = None
+    """The user's file that it comes from, None for the catalogue's."""
 
     @property
     def ports(self) -> tuple[str, ...]:

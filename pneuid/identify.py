@@ -24,6 +24,7 @@ from pneuid.story import Runs, demo_runs, read_ladder, read_runs
 from pneuid.terminal import (
     CommandParser,
     Progress,
+    add_effect_file_option,
     add_output_options,
     command_line,
     next_folder,
@@ -50,9 +51,10 @@ def parser() -> argparse.ArgumentParser:
         "--hold-out", nargs="+", metavar="RUN", default=[], help="recordings kept from the fit, to judge by"
     )
     found.add_argument("--friction", choices=tuple(LAWS), help="friction law instead of the rig's")
-    found.add_argument("--add", nargs="+", metavar="EFFECT", default=[], help="effects of the catalogue to add")
+    found.add_argument("--add", nargs="+", metavar="EFFECT", default=[], help="effects of the catalogue to add, 'spline:EQUATION(SIGNAL)', or your own")
     found.add_argument("--drop", nargs="+", metavar="EFFECT", default=[], help="effects to leave out")
     found.add_argument("--diagnosis", metavar="FILE", help="diagnosis.json whose rejected rungs join the ladder")
+    add_effect_file_option(found)
     add_output_options(found)
     return found
 
@@ -65,13 +67,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     embedded = not (given.rig or given.parent or given.data)
     if not embedded and not (given.data and (given.rig or given.parent)):
         raise UserError("--data and one of --rig or --from belong together; see --help for an example")
-    parent = api.load(given.parent) if given.parent else None
+    parent = api.load(given.parent, given.effect_file) if given.parent else None
     runs = demo_runs() if embedded else _runs(given, parent)
     # names are checked before the folder is made, so that a slip leaves nothing behind
     add = [*(parent.content.effects if parent else ()), *given.add]
     drop = [*given.drop, *_dropped_before(parent, given.add)]
     friction = given.friction or (parent.content.friction if parent else None)
-    api.plant_of(runs.rig, add, drop, friction)
+    api.plant_of(runs.rig, add, drop, friction, given.effect_file)
     before = _ladder(given, parent)
     folder = result_folder(given.out, "identify", embedded, given.overwrite)
     warn(runs.rig, [*runs.train, *runs.hold_out])
@@ -79,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         progress.doing(f"fitting {len(runs.train)} runs, {sum(run.n for run in runs.train)} samples")
         try:
             model = api.fit(
-                runs.rig, runs.train, add=add, drop=drop, friction=friction, name=folder.name,
+                runs.rig, runs.train, add=add, drop=drop, friction=friction, name=folder.name, effect_files=given.effect_file,
                 start=parent.values if parent else None, hold_out=runs.hold_out,
                 parent=file_sha256(given.parent) if given.parent else None, monitor=progress.monitor,
             )  # fmt: skip
@@ -100,7 +102,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     else:
         out = next_folder(folder, f"{folder.name}_diagnosed")
         model_file = folder / "model.json"
-        line = command_line("pneuid.diagnose", model_file, data=given.data, hold_out=given.hold_out, out=[out])
+        line = command_line(
+            "pneuid.diagnose", model_file, data=given.data, hold_out=given.hold_out, effect_file=given.effect_file, out=[out]
+        )
         console.print(f"next: {line}")
 
 

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from pneuid.effect import Parameter
+from pneuid.effect import Effect, Parameter
 from pneuid.effects import effects_by_name
 from pneuid.errors import UserError
+from pneuid.estimation.curves import Curve, curves_of
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.own import key, of_key
 from pneuid.physics.smoothing import FINE, Smoothing
@@ -82,6 +83,10 @@ class Model:
     ranges: dict[str, float]
     substeps: int
     parent: str | None = None
+    own: tuple[Effect, ...] = ()
+    """Those of its effects that come from a user's own file."""
+    curves: tuple[Curve, ...] = ()
+    """Shapes of its unknown functions with their bands."""
 
     @property
     def values(self) -> dict[str, float]:
@@ -91,7 +96,7 @@ class Model:
     @property
     def plant(self) -> Plant:
         """The symbolic system."""
-        return Plant(self.rig, self.friction, effects_by_name(self.effects))
+        return Plant(self.rig, self.friction, effects_by_name(self.effects, self.own))
 
     def theta(self, mass_run: float | None = None, smoothing: Smoothing = FINE) -> np.ndarray:
         """The plant's column of numbers for a run with its own moving mass (kg) or the rig's."""
@@ -114,6 +119,8 @@ class Model:
             "noise": self.noise,
             "ranges": self.ranges,
             "substeps": self.substeps,
+            "effect_files": effect_files(self.own),
+            "curves": [item.to_dict() for item in self.curves],
         }
 
     def save(self, path: str | Path) -> None:
@@ -164,7 +171,8 @@ def model_of(fit: Fit, name: str, hold_out: Sequence[Recording] = (), parent: st
     return Model(
         name=name, rig=plant.rig, friction=plant.law.name, effects=tuple(effect.name for effect in plant.effects),
         parameters=estimates, fit=summary, data=data, noise=dict(fit.noise), ranges=dict(fit.ranges),
-        substeps=fit.substeps, parent=parent,
+        substeps=fit.substeps, parent=parent, own=tuple(effect for effect in plant.effects if effect.origin),
+        curves=curves_of(fit),
     )  # fmt: skip
 
 
@@ -184,8 +192,39 @@ def nominal_model(
     return Model("nominal", rig, rig.friction, names, estimates, summary, (), {}, dict(ranges), 2)
 
 
-def load(path: str | Path) -> Model:
-    """Read model.json. Raises ``UserError`` naming the file and key for anything that is not a model of this program."""
+def effect_files(own: Sequence[Effect]) -> list[dict[str, Any]]:
+    """The files behind a user's own effects, as in model.json."""
+    files = dict.fromkeys(effect.origin for effect in own if effect.origin)
+    return [
+        {"file": item.file, "sha256": item.sha256, "effects": [effect.name for effect in own if effect.origin == item]}
+        for item in files
+    ]
+
+
+def _own_of(raw: Mapping[str, Any], own: Sequence[Effect], path: str | Path) -> tuple[Effect, ...]:
+    """The user's own effects that a model has. Raises ``UserError`` where their file is not given or is another."""
+    known = {effect.name: effect for effect in own}
+    for entry in raw.get("effect_files", []):
+        file, digest = str(entry["file"]), str(entry["sha256"])
+        for name in entry["effects"]:
+            if name not in known:
+                raise UserError(f"{path}: effect '{name}' is in your own file {file}; name it with --effect-file {file}")
+            origin = known[name].origin
+            if origin is None or origin.sha256 != digest:
+                now = origin.sha256[:12] if origin else "none"
+                raise UserError(
+                    f"{path}: {file} is not the file the model was fitted with (sha256 {now}, then {digest[:12]}); "
+                    "give that file, or fit again with this one"
+                )
+    return tuple(effect for effect in own if effect.name in raw["effects"])
+
+
+def load(path: str | Path, own: Sequence[Effect] = ()) -> Model:
+    """Read model.json; ``own`` are the effects of the user's own files.
+
+    Raises ``UserError`` naming the file and key for anything that is not a model of this program, and where an effect's
+    file is missing or has changed.
+    """
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -205,6 +244,7 @@ def load(path: str | Path) -> Model:
             fit=FitSummary(**raw["fit"]), data=tuple(DataFile(**item) for item in raw["data"]),
             noise={key: float(value) for key, value in raw["noise"].items()},
             ranges={key: float(raw["ranges"][key]) for key in RANGES}, substeps=int(raw["substeps"]), parent=raw["parent"],
+            own=_own_of(raw, own, path), curves=tuple(Curve.from_dict(item) for item in raw.get("curves", [])),
         )  # fmt: skip
         wanted = set(model.plant.parameter_names)
     except UserError:

@@ -173,6 +173,13 @@ def write_json(path: Path, content: Any) -> None:
     part.replace(path)
 
 
+def add_effect_file_option(parser: argparse.ArgumentParser) -> None:
+    """``--effect-file``, the same everywhere."""
+    parser.add_argument(
+        "--effect-file", nargs="+", metavar="FILE.py", default=[], help="your own effects; the file is run (docs/own_effect.md)"
+    )
+
+
 def add_output_options(parser: argparse.ArgumentParser) -> None:
     """``--out`` and ``--overwrite``, the same everywhere."""
     parser.add_argument("--out", metavar="DIR", help="folder for the results")

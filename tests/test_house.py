@@ -23,7 +23,7 @@ ROOMS: tuple[tuple[str, ...], ...] = (
     ("physics",),
     ("plausibility",),
     ("effect", "effects"),
-    ("plant",),
+    ("plant", "own_plant"),
     ("step", "compiled", "interval"),
     ("simulate",),
     ("estimation",),

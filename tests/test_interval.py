@@ -62,9 +62,10 @@ def stretch(*effects: str) -> Stretch:
     nodes = first_nodes(plant, [run], [run.motion], values, 1)
     # a sample at which the piston slides slowly, so that every parameter is felt
     first = int(np.flatnonzero((np.abs(run.motion.v[500:]) > 6e-3) & (np.abs(run.motion.v[500:]) < 1e-2))[0]) + 500
-    values_at, derivatives, trajectory = pneuid.interval._chains(plant, plant.parameter_names, K, SUBSTEPS)
+    chains = pneuid.interval._chains(plant, plant.parameter_names, K, SUBSTEPS)
     return Stretch(
-        plant, run, interval_function(plant, plant.parameter_names, K, SUBSTEPS), (values_at, derivatives, trajectory),
+        plant, run, interval_function(plant, plant.parameter_names, K, SUBSTEPS),
+        (chains["values"], chains["derivatives"], chains["trajectory"]),
         nodes[:, first], run.data[:, first : first + K], plant.theta(values, data_ranges([recording], plant)),
     )  # fmt: skip
 
@@ -242,7 +243,7 @@ def test_rigs_of_one_structure_share_the_code_and_keep_their_numbers():
     ends = []
     for plant in (heavy, at.plant):
         theta = plant.theta(values_of(plant), RANGES)
-        own = pneuid.interval._chains(plant, plant.parameter_names, K, SUBSTEPS)[0]
+        own = pneuid.interval._chains(plant, plant.parameter_names, K, SUBSTEPS)["values"]
         ends.append(np.asarray(shared[0].values(at.start, at.data, theta)[0]))
         np.testing.assert_allclose(ends[-1], np.asarray(own(at.start, at.data, theta)[0]), rtol=1e-9)
     assert abs(ends[0][1] - ends[1][1]) > 1e-3  # twice the mass is felt
@@ -275,7 +276,7 @@ def test_windows_side_by_side_are_windows_one_by_one():
         np.testing.assert_allclose(together.states[w], alone.states[0], rtol=1e-13)
         np.testing.assert_allclose(together.end[w], alone.end[0], rtol=1e-13)
         # and four intervals in a row are one of four times the length
-        longer = pneuid.interval._chains(at.plant, (), 4 * K, SUBSTEPS)[2]
+        longer = pneuid.interval._chains(at.plant, (), 4 * K, SUBSTEPS)["trajectory"]
         outputs, states = _plain(longer(start[w], data[w], theta[w]))
         np.testing.assert_allclose(together.outputs[w], outputs, rtol=1e-9)
         np.testing.assert_allclose(together.end[w], states[:, -1], rtol=1e-8, atol=1e-12)
@@ -380,7 +381,7 @@ def test_gradient_and_hessian_of_the_relaxed_cost_agree_with_differences(effects
 def test_a_trial_point_far_out_is_refused_by_the_solver_and_no_warning():
     problem, X = _small_problem()
     X[problem.nq :] *= 1e160
-    cost, _ = _Evaluator(problem, relaxed=True, monitor=None, deadline=np.inf).value(X)
+    cost, _ = _Evaluator(problem, True, "relaxed", 1e-4, None, np.inf).value(X)
     assert not np.isfinite(cost)
 
 

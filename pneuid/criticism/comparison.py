@@ -74,7 +74,7 @@ class Comparison:
         return float(np.mean([(item.rmse / item.noise_floor) ** 2 for item in found.values()]))
 
     def to_pandas(self) -> pd.DataFrame:
-        """Errors, a row per role and signal: ``rmse``, ``noise_floor`` and ``free_run_rmse`` in SI ``unit``, their ratio, fit."""
+        """Errors, a row per role and signal: ``rmse``, ``noise_floor``, ``free_run_rmse`` (SI ``unit``), their ratio, fit."""
         rows = [
             {
                 "role": role, "signal": name, "rmse": item.rmse, "noise_floor": item.noise_floor, "unit": item.unit,

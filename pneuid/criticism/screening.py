@@ -1,9 +1,10 @@
 """Screening: what each effect of the catalogue would gain, without fitting any of them.
 
-Every candidate is an extra column of the relaxed cost at its off-value. One pass of the interval Jacobian with all columns,
-projected orthogonal to the fitted parameters and the nodes, predicts each one's drop of the cost (a score test; Rao,
-Proc. Cambridge Phil. Soc. 44 (1948) 50). Candidates whose predicted changes are collinear cannot be told apart. The pass is
-made in batches of a few effects, because the compiled code grows with the square of its columns.
+Every candidate is an extra column of the relaxed cost at its off-value: how the weighted outputs and the defects change
+with each of its amplitudes. Projected orthogonal to the fitted parameters and the nodes, the columns predict each
+one's drop of the cost (a score test; Rao, Proc. Cambridge Phil. Soc. 44 (1948) 50). Candidates whose predicted changes
+are collinear cannot be told apart. The columns are differences of forward simulations, which compile in a fraction
+of the time that derivatives by every effect of the catalogue take.
 """
 
 from __future__ import annotations
@@ -11,23 +12,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 from scipy.optimize import lsq_linear
 from scipy.sparse.linalg import splu
 
-from pneuid.effect import Effect
+from pneuid.effect import Effect, Parameter
 from pneuid.estimation.fit import Fit
-from pneuid.estimation.shooting import THREADS, Shooting
+from pneuid.estimation.shooting import THREADS, Scaling
 from pneuid.estimation.solver import relaxed_system
-from pneuid.physics.smoothing import COARSE
+from pneuid.interval import trajectory_function
 from pneuid.plant import Plant
 
 COLLINEAR = 0.9
 """Correlation of predicted changes above which two effects are one group."""
 
-BATCH_COLUMNS, BATCH_STATES = 9, 3
-"""Amplitudes and states of the effects that share a pass."""
+BATCH_COLUMNS, BATCH_STATES = 12, 4
+"""Amplitudes and states of the effects that share one compiled plant."""
 
 TELLABLE = 3.0
 """Predicted drop below which an effect's change is noise and is grouped with nothing."""
@@ -35,8 +37,9 @@ TELLABLE = 3.0
 LEADING = 0.05
 """Share of the largest predicted drop below which an effect is not looked at for its group."""
 
-PROBE = 1e-6
-"""Share of a predicted step by which its change of the residuals is taken as a difference."""
+STEP = 1e-8
+"""Step of an amplitude, in units of its scale, by which a column is taken as a difference: stick makes the response curve
+within 1e-6, rounding disturbs it by 1e-4 of a sensor's noise at this step."""
 
 
 @dataclass(frozen=True)
@@ -53,31 +56,16 @@ class Score:
 
 @dataclass(frozen=True)
 class _Change:
-    """What one effect's best step does to the extended problem that it was screened in.
+    """What one effect's best step does.
 
-    base : inner products of the change with the fitted columns (parameters and nodes).
+    raw : change of the stacked residuals; base : its inner products with the fitted columns (parameters and nodes).
     """
 
     effect: Effect
     drop: float
-    problem: Shooting
-    X: np.ndarray
-    columns: np.ndarray
-    step: np.ndarray
+    start: dict[str, float]
+    raw: np.ndarray
     base: np.ndarray
-
-    @property
-    def start(self) -> dict[str, float]:
-        """Amplitudes (SI, inside their bounds) after the step."""
-        pairs = zip(self.columns, self.step, strict=True)
-        return {self.problem.free[j]: _moved(self.problem, j, d) for j, d in pairs}
-
-    def raw(self) -> np.ndarray:
-        """The change of weighted outputs and scaled defects itself, stacked."""
-        ahead, behind = self.X.copy(), self.X.copy()
-        ahead[self.columns] += PROBE * self.step
-        behind[self.columns] -= PROBE * self.step
-        return (_response(self.problem, ahead) - _response(self.problem, behind)) / (2 * PROBE)
 
 
 def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list[Score]:
@@ -97,7 +85,7 @@ def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list
     changes = [change for batch in _batches(fit.plant, chosen) for change in _screened(fitted, batch, order)]
     groups = _groups(fitted, changes)
     found = [
-        Score(change.effect, change.drop, float(change.drop / max(fit.relaxed_cost, 1e-12)), change.columns.size,
+        Score(change.effect, change.drop, float(change.drop / max(fit.relaxed_cost, 1e-12)), len(change.start),
               change.start, groups[change.effect.name])
         for change in changes
     ]  # fmt: skip
@@ -105,7 +93,11 @@ def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list
 
 
 class _Fitted:
-    """What was fitted: the free variables of the relaxed problem and a solver for their Hessian."""
+    """What was fitted: residuals, their Jacobian and a solver for the Hessian of the free variables.
+
+    Residuals are stacked: weighted outputs of every interval, sample by sample, then the defects in units of their
+    allowed spread.
+    """
 
     def __init__(self, fit: Fit) -> None:
         self.fit = fit
@@ -118,13 +110,42 @@ class _Fitted:
         H = hessian[self.free][:, self.free]
         self.gradient = gradient[self.free]
         self.solver = splu((H + sp.diags(1e-9 * H.diagonal() + 1e-12)).tocsc())
-        self.solved = self.solver.solve(self.gradient)
+        self.rows, self.ends = problem.jacobian(X)
+        self.ends = self.ends[problem.linked] / problem.relaxation
+        values = dict(zip(problem.free, problem.scaling.to_values(q), strict=True))
+        self.values = problem.values | values
+        self.nodes = problem.split(X)[1]
+        shown = self.response(self.runner(problem.plant), problem.plant, self.nodes, self.values)
+        ny = len(problem.plant.outputs)
+        measured = problem.data[-2 * ny : -ny] * problem.data[-ny:]
+        defect = -(self.nodes / problem.state_scale[:, None])[:, problem.linked + 1].T / problem.relaxation
+        self.residual = shown + np.concatenate([-measured.T.ravel(), defect.ravel()])
 
-    def places(self, problem: Shooting) -> np.ndarray:
-        """Positions of the free variables in an extended problem."""
-        rows = [problem.plant.states.index(name) for name in self.fit.plant.states]
-        nodes = problem.nq + problem.ns * np.arange(problem.nint)[:, None] + np.array(rows)
-        return np.concatenate([np.arange(self.fit.problem.nq), nodes.ravel()])[self.free]
+    def runner(self, plant: Plant) -> ca.Function:
+        """Trajectories of ``plant`` over all intervals."""
+        problem = self.fit.problem
+        return trajectory_function(plant, problem.samples, problem.substeps).map(problem.nint, "thread", THREADS)
+
+    def response(self, run: ca.Function, plant: Plant, nodes: np.ndarray, values: dict[str, float]) -> np.ndarray:
+        """Weighted outputs and end states of ``plant``, stacked; states that the fitted plant lacks are left out."""
+        problem = self.fit.problem
+        outputs, states = run(nodes, problem.data, problem.theta_of(values, plant))
+        shown = np.asarray(outputs) * problem.data[-len(plant.outputs) :]
+        own = [plant.states.index(name) for name in problem.plant.states]
+        ends = np.asarray(states)[own, problem.samples :: problem.samples + 1] / problem.state_scale[:, None]
+        return np.concatenate([shown.T.ravel(), ends[:, problem.linked].T.ravel() / problem.relaxation])
+
+    def cross(self, change: np.ndarray) -> np.ndarray:
+        """Inner products ``(free, k)`` of stacked changes ``(m, k)`` with the columns of the free variables."""
+        problem = self.fit.problem
+        k, split = change.shape[1], self.rows.shape[0] * self.rows.shape[1]
+        defects = change[split:].reshape(problem.linked.size, problem.ns, k)
+        blocks = self.rows.transpose(0, 2, 1) @ change[:split].reshape(problem.nint, -1, k)
+        blocks[problem.linked] += self.ends.transpose(0, 2, 1) @ defects
+        nodes = blocks[:, problem.nq :]
+        nodes[problem.linked + 1] -= defects / problem.relaxation
+        found = np.concatenate([blocks[:, : problem.nq].sum(axis=0), nodes.reshape(-1, k)])
+        return np.asarray(found[self.free])
 
 
 def _batches(plant: Plant, chosen: Sequence[Effect]) -> Iterator[list[Effect]]:
@@ -132,7 +153,7 @@ def _batches(plant: Plant, chosen: Sequence[Effect]) -> Iterator[list[Effect]]:
     batch: list[Effect] = []
     columns = states = 0
     for effect in chosen:
-        own = sum(item.off is not None for item in effect.parameters(plant.rig, plant.law))
+        own = len(_amplitudes(plant, effect))
         if batch and (columns + own > BATCH_COLUMNS or states + len(effect.states) > BATCH_STATES):
             yield batch
             batch, columns, states = [], 0, 0
@@ -142,40 +163,55 @@ def _batches(plant: Plant, chosen: Sequence[Effect]) -> Iterator[list[Effect]]:
         yield batch
 
 
+def _amplitudes(plant: Plant, effect: Effect) -> list[Parameter]:
+    """Parameters that are zero while the effect is off; shapes mean nothing then."""
+    return [item for item in effect.parameters(plant.rig, plant.law) if item.off is not None]
+
+
 def _screened(fitted: _Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> list[_Change]:
     """Predicted changes by the effects of one batch."""
-    fit = fitted.fit
+    old = fitted.fit.plant
     position = {name: i for i, name in enumerate(order)}
-    every = sorted([*fit.plant.effects, *chosen], key=lambda effect: position.get(effect.name, len(position)))
-    plant = Plant(fit.plant.rig, fit.plant.law.name, every)
-    problem, X = _extended(fit, plant, chosen)
-    gradient, hessian = relaxed_system(problem, X)
-    columns = {effect.name: _columns(problem, plant, effect) for effect in chosen}
-    extra = np.concatenate([columns[effect.name] for effect in chosen])
-    row = {int(j): i for i, j in enumerate(extra)}
-    cross = hessian[fitted.places(problem)][:, extra].toarray()
+    every = sorted([*old.effects, *chosen], key=lambda effect: position.get(effect.name, len(position)))
+    plant = Plant(old.rig, old.law.name, every)
+    amplitudes = [item for effect in chosen for item in _amplitudes(plant, effect)]
+    off = {item.name: float(item.off or 0.0) for item in amplitudes}
+    values = plant.starts() | fitted.values | off
+    nodes = _rolled_out(fitted, plant, values)
+    scaling = Scaling(amplitudes)
+    at = scaling.to_q(np.array(list(off.values())))
+    run = fitted.runner(plant)
+    before = fitted.response(run, plant, nodes, values)
+    columns = np.empty((before.size, len(amplitudes)))
+    for j, item in enumerate(amplitudes):
+        q = at.copy()
+        q[j] += STEP
+        moved = fitted.response(run, plant, nodes, values | {item.name: float(scaling.to_values(q)[j])})
+        columns[:, j] = (moved - before) / STEP
+    cross = fitted.cross(columns)
+    prior = np.array([_prior(item) for item in amplitudes])
+    solved = fitted.solver.solve(cross)
     # orthogonal to the fitted parameters and nodes
-    M = hessian[extra][:, extra].toarray() - cross.T @ fitted.solver.solve(cross)
-    M, g = 0.5 * (M + M.T), gradient[extra] - cross.T @ fitted.solved
+    M = columns.T @ columns - cross.T @ solved + np.diag(prior[:, 0] ** 2)
+    g = columns.T @ fitted.residual - solved.T @ fitted.gradient + prior[:, 0] ** 2 * (at - prior[:, 1])
     found = []
     for effect in chosen:
-        index = columns[effect.name]
-        rows = [row[int(j)] for j in index]
-        step = _best_step(problem, M, g, rows, index)
-        found.append(_Change(effect, _drop(M, g, rows, step), problem, X, index, step, cross[:, rows] @ step))
+        rows = [j for j, item in enumerate(amplitudes) if item.name in plant.own_parameters(effect.name)]
+        step = _best_step(M[np.ix_(rows, rows)], g[rows], (scaling.lower - at)[rows], (scaling.upper - at)[rows])
+        q = at.copy()
+        q[rows] = np.clip(at[rows] + step, scaling.lower[rows], scaling.upper[rows])
+        start = {amplitudes[j].name: float(scaling.to_values(q)[j]) for j in rows}
+        drop = float(max(0.0, -(g[rows] @ step + 0.5 * step @ M[np.ix_(rows, rows)] @ step)))
+        found.append(_Change(effect, drop, start, columns[:, rows] @ step, cross[:, rows] @ step))
     return found
 
 
-def _response(problem: Shooting, X: np.ndarray) -> np.ndarray:
-    """Weighted outputs and scaled defects of the relaxed problem, stacked, candidates' own states left out."""
-    q, nodes = problem.split(X)
-    run = problem.function.trajectory.map(problem.nint, "thread", THREADS)
-    outputs, states = run(nodes, problem.data, problem.theta(q))
-    shown = np.asarray(outputs) * problem.data[-len(problem.plant.outputs) :]
-    ends = np.asarray(states)[:, problem.samples :: problem.samples + 1]
-    base = len(problem.plant.core_states)
-    defects = (ends / problem.state_scale[:, None])[:base, problem.linked] / problem.relaxation
-    return np.concatenate([shown.ravel(), defects.ravel()])
+def _prior(item: Parameter) -> tuple[float, float]:
+    """Inverse spread (0 where there is none) and centre of a parameter's prior in search units."""
+    centre = float(Scaling([item]).to_q(np.array([item.start]))[0])
+    if item.prior is None:
+        return 0.0, centre
+    return 1.0 / (item.prior if item.positive else item.prior / item.scale), centre
 
 
 def _groups(fitted: _Fitted, changes: Sequence[_Change]) -> dict[str, tuple[str, ...]]:
@@ -186,7 +222,7 @@ def _groups(fitted: _Fitted, changes: Sequence[_Change]) -> dict[str, tuple[str,
     if len(leading) < 2:
         return groups
     base = np.column_stack([change.base for change in leading])
-    raw = np.column_stack([change.raw() for change in leading])
+    raw = np.column_stack([change.raw for change in leading])
     M = raw.T @ raw - base.T @ fitted.solver.solve(base)
     size = np.sqrt(np.maximum(np.diag(M), 1e-300))
     near = np.abs(M / np.outer(size, size)) > COLLINEAR
@@ -197,84 +233,32 @@ def _groups(fitted: _Fitted, changes: Sequence[_Change]) -> dict[str, tuple[str,
     return groups
 
 
-def _columns(problem: Shooting, plant: Plant, effect: Effect) -> np.ndarray:
-    """Positions of an effect's amplitudes among the free parameters; shapes mean nothing while it is off."""
-    own = plant.own_parameters(effect.name)
-    return np.array([j for j, item in enumerate(problem.declared) if item.name in own], dtype=int)
-
-
-def _extended(fit: Fit, plant: Plant, chosen: Sequence[Effect]) -> tuple[Shooting, np.ndarray]:
-    """The relaxed problem with the candidates' amplitudes as extra parameters, at the fitted point."""
-    old = fit.problem
-    values = plant.starts() | fit.relaxed_values
-    by_name = {item.name: item for item in plant.parameters}
-    amplitudes = []
-    for effect in chosen:
-        for name in plant.own_parameters(effect.name):
-            off = by_name[name].off
-            if off is not None:
-                values[name] = off
-                amplitudes.append(name)
-    free = [*old.free, *amplitudes]
-    problem = Shooting(plant, fit.runs, free, values, fit.ranges, old.substeps, old.samples)
-    problem.set_smoothing(COARSE)
-    problem.relaxation = old.relaxation
-    fresh = [plant.states.index(state.name) for effect in chosen for state in effect.states]
-    # candidates' own states follow by themselves: on a scale far above their size their defects weigh nothing
-    problem.state_scale = problem.state_scale.copy()
-    problem.state_scale[fresh] *= 1e9
-    _, nodes = old.split(fit.relaxed.X)
-    wide = np.zeros((problem.ns, problem.nint))
-    for i, name in enumerate(fit.plant.states):
-        wide[plant.states.index(name)] = nodes[i]
-    q = problem.scaling.to_q(np.array([values[name] for name in free]))
-    _roll_out(problem, q, wide, fresh)
-    return problem, problem.join(q, wide)
-
-
-def _roll_out(problem: Shooting, q: np.ndarray, nodes: np.ndarray, fresh: Sequence[int]) -> None:
-    """Fill the candidates' own states in place, interval after interval along the fitted trajectory."""
+def _rolled_out(fitted: _Fitted, plant: Plant, values: dict[str, float]) -> np.ndarray:
+    """Nodes of ``plant``: the fitted states, and the candidates' own filled in by following the fitted trajectory."""
+    problem = fitted.fit.problem
+    nodes = np.zeros((len(plant.states), problem.nint))
+    for name, row in zip(problem.plant.states, fitted.nodes, strict=True):
+        nodes[plant.states.index(name)] = row
+    fresh = [i for i, name in enumerate(plant.states) if name not in problem.plant.states]
     if not fresh:
-        return
-    rows, K = list(fresh), problem.samples
-    theta = problem.theta(q)
-    initial = {state.name: state.initial for state in problem.plant.effect_states}
-    start = np.array([initial[problem.plant.states[i]] for i in rows])
+        return nodes
+    initial = {state.name: state.initial for state in plant.effect_states}
+    step = trajectory_function(plant, problem.samples, problem.substeps)
+    theta, K = problem.theta_of(values, plant), problem.samples
     for first, last in zip(problem.first[:-1], problem.first[1:], strict=True):
-        s = start
+        own = np.array([initial[plant.states[i]] for i in fresh])
         for i in range(first, last):
-            nodes[rows, i] = s
-            end, _ = problem.function.values(nodes[:, i], problem.data[:, i * K : (i + 1) * K], theta[:, i])
-            s = np.asarray(end).ravel()[rows]
+            nodes[fresh, i] = own
+            _, states = step(nodes[:, i], problem.data[:, i * K : (i + 1) * K], theta[:, i])
+            own = np.asarray(states)[fresh, -1]
+    return nodes
 
 
-def _best_step(problem: Shooting, M: np.ndarray, g: np.ndarray, rows: list[int], index: np.ndarray) -> np.ndarray:
-    """Step of one effect's amplitudes (scaled) that lowers the quadratic model most, within their bounds."""
-    block = M[np.ix_(rows, rows)]
-    size = np.sqrt(np.maximum(np.diag(block), 1e-300))
+def _best_step(M: np.ndarray, g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Step of one effect's amplitudes (scaled) that lowers the quadratic model most, between ``low`` and ``high``."""
+    size = np.sqrt(np.maximum(np.diag(M), 1e-300))
     # a direction that the data do not feel at all keeps a step of zero
-    root = np.linalg.cholesky(block / np.outer(size, size) + 1e-8 * np.eye(len(rows)))
-    target = -np.linalg.solve(root, g[rows] / size)
-    off = np.array([problem.scaling.to_q(_at(problem, j))[j] for j in index])
-    low = (problem.scaling.lower[index] - off) * size
-    high = (problem.scaling.upper[index] - off) * size
-    found = lsq_linear(root.T, target, (low - 1e-12, high + 1e-12))
+    root = np.linalg.cholesky(M / np.outer(size, size) + 1e-8 * np.eye(size.size))
+    target = -np.linalg.solve(root, g / size)
+    found = lsq_linear(root.T, target, (low * size - 1e-12, high * size + 1e-12))
     return np.asarray(found.x / size)
-
-
-def _moved(problem: Shooting, j: int, step: float) -> float:
-    """Value (SI, inside the bounds) of a parameter after a scaled step from its off-value."""
-    q = problem.scaling.to_q(_at(problem, j))
-    q[j] = np.clip(q[j] + step, problem.scaling.lower[j], problem.scaling.upper[j])
-    return float(problem.scaling.to_values(q)[j])
-
-
-def _at(problem: Shooting, j: int) -> np.ndarray:
-    """Parameter values with the j-th at its off-value."""
-    values = np.array([item.start for item in problem.declared])
-    values[j] = problem.declared[j].off
-    return values
-
-
-def _drop(M: np.ndarray, g: np.ndarray, rows: list[int], step: np.ndarray) -> float:
-    return float(max(0.0, -(g[rows] @ step + 0.5 * step @ M[np.ix_(rows, rows)] @ step)))

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from pneuid.effect import Effect
 from pneuid.effects._laws import LawDahl, LawLugre, LawStribeck
+from pneuid.effects._spline import PREFIX as SPLINE_PREFIX
+from pneuid.effects._spline import spline_by_name
 from pneuid.effects.backlash import Backlash
 from pneuid.effects.channel_skew import ChannelSkew
 from pneuid.effects.dead_volume import DeadVolume
@@ -103,10 +107,19 @@ def group_of(effect: Effect) -> str:
     return {"friction": "friction", "force": "mechanics"}.get(effect.equation, "pneumatics")
 
 
-def effects_by_name(names: tuple[str, ...] | list[str]) -> tuple[Effect, ...]:
-    """The named effects in catalogue order. Raises ``UserError`` for a name that is not in the catalogue."""
+def effects_by_name(names: Sequence[str], own: Sequence[Effect] = ()) -> tuple[Effect, ...]:
+    """The named effects, each once: the catalogue's in its order, the user's ``own``, then splines in the order given.
+
+    Raises ``UserError`` for a name that is in neither and says no spline.
+    """
+    users = {effect.name: effect for effect in own}
+    splines: dict[str, Effect] = {}
     for name in names:
-        if name not in CATALOGUE:
-            near = nearest(name, list(CATALOGUE))
-            raise UserError(f"effect '{name}' is not in the catalogue{near or ';'} it holds {', '.join(CATALOGUE)}")
-    return tuple(effect for effect in _ORDER if effect.name in names)
+        if name.startswith(SPLINE_PREFIX):
+            found = spline_by_name(name)
+            splines[found.name] = found
+        elif name not in CATALOGUE and name not in users:
+            near = nearest(name, [*CATALOGUE, *users])
+            raise UserError(f"effect '{name}' is not in the catalogue{near or ';'} it holds {', '.join([*CATALOGUE, *users])}")
+    chosen = [effect for effect in _ORDER if effect.name in names]
+    return (*chosen, *(effect for effect in own if effect.name in names), *splines.values())

@@ -206,6 +206,10 @@ class UnknownTerm(Effect):
         """What is added, in the equation's unit."""
         raise NotImplementedError(self.name)
 
+    def __reduce__(self) -> str | tuple[Any, ...]:
+        """Another process makes the same object from the same name."""
+        return spline_by_name, (self.name,)
+
 
 class Spline(UnknownTerm):
     """``f(signal)``, the sum of amplitudes times cubic B-splines over the range of the data; constant beyond it."""
@@ -318,6 +322,11 @@ def spline_by_name(name: str) -> Spline:
     if not FEWEST <= knots <= MOST:
         raise UserError(f"effect '{name}': {knots} splines; choose {FEWEST} to {MOST}")
     return spline(Term(equation, signal, factor, knots))
+
+
+def canonical(name: str) -> str:
+    """The one way to write the name of a spline; other names as they are. Raises ``UserError`` as ``spline_by_name``."""
+    return spline_by_name(name).name if name.startswith(PREFIX) else name
 
 
 def curve(term: Term, amplitudes: Sequence[float], ranges: Mapping[str, float], signal: Any) -> Any:

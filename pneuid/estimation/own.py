@@ -35,20 +35,15 @@ class Own:
         """Declarations of its free quantities."""
         found = []
         if "mass" in self.free:
-            found.append(
-                Parameter(
-                    key("mass", self.run), "m", "kg", self.mass / 5, self.mass * 5, self.mass, 1.0, _SOURCE, True,
-                    experiment="fast reversals with this load",
-                )  # fmt: skip
-            )
+            record = "fast reversals with this load"
+            low, high = self.mass / 5, self.mass * 5
+            named = key("mass", self.run)
+            found.append(Parameter(named, "m", "kg", low, high, self.mass, 1.0, _SOURCE, True, experiment=record))
         if "supply" in self.free and self.supply is not None:
             low, high = 0.3 * self.supply, 2.0 * self.supply
-            found.append(
-                Parameter(
-                    key("supply", self.run), "p_s", "Pa", low, high, self.supply, 1.0, _SOURCE, True,
-                    experiment="large steps of the command at this supply, or its pressure recorded (psup)",
-                )  # fmt: skip
-            )
+            record = "large steps of the command at this supply, or its pressure recorded (psup)"
+            named = key("supply", self.run)
+            found.append(Parameter(named, "p_s", "Pa", low, high, self.supply, 1.0, _SOURCE, True, experiment=record))
         return tuple(found)
 
 

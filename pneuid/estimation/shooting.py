@@ -8,7 +8,7 @@ plus the weak priors; the defect of an interval is its end state minus the next 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,7 +18,7 @@ import numpy as np
 from pneuid.effect import Parameter
 from pneuid.estimation.own import QUANTITIES, declared, of_key
 from pneuid.estimation.preparation import Run
-from pneuid.interval import IntervalFunction, interval_function
+from pneuid.interval import IntervalFunction, interval_function, jacobian_function
 from pneuid.physics.smoothing import FINE, Smoothing
 from pneuid.plant import Plant
 from pneuid.step import stable_upper_bounds
@@ -143,13 +143,13 @@ class Shooting:
         """``(len(theta), nint)``: the theta column of every interval."""
         return self.theta_of(dict(zip(self.free, self.scaling.to_values(q), strict=True)))
 
-    def theta_of(self, changed: Mapping[str, float]) -> np.ndarray:
-        """The same from physical values of some parameters."""
+    def theta_of(self, changed: Mapping[str, float], plant: Plant | None = None) -> np.ndarray:
+        """The same from physical values of some parameters, for another ``plant`` on the same runs if one is given."""
         values = self.values | dict(changed)
         columns = []
         for run in self.runs:
             mass, shift = run.own.constants(values)
-            columns.append(self.plant.theta(values, self.ranges, mass, self.smoothing, shift))
+            columns.append((plant or self.plant).theta(values, self.ranges, mass, self.smoothing, shift))
         return np.repeat(np.array(columns).T, np.diff(self.first), axis=1)
 
     def split(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -179,10 +179,24 @@ class Shooting:
         full = np.empty((self.nint, own + 1, own + 1))
         full[:, rows, cols] = full[:, cols, rows] = np.asarray(packed).T
         if self._place is not None:
-            S, full = self._spread(S, full)
+            S, full = self._spread(S), self._spread_gram(full)
         scale = np.concatenate([self.scaling.slope(q), self.state_scale])
         both = np.append(scale, 1.0)
         return Evaluation(np.asarray(end), S * (scale / self.state_scale[:, None]), full * np.outer(both, both))
+
+    def jacobian(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Scaled derivatives by ``[q, node]`` of every interval: of its weighted outputs ``(nint, K * ny, width)``, sample
+        by sample, and of its end state ``(nint, ns, width)``."""
+        q, nodes = self.split(X)
+        function = jacobian_function(self.plant, self.function.selected, self.samples, self.substeps)
+        rows, ends = function.map(self.nint, "thread", THREADS)(nodes, self.data, self.theta(q))
+        own = self.function.width
+        scale = np.concatenate([self.scaling.slope(q), self.state_scale])
+        found = []
+        for item in (rows, ends):
+            blocks = np.asarray(item).reshape(-1, self.nint, own).transpose(1, 0, 2)
+            found.append((blocks if self._place is None else self._spread(blocks)) * scale)
+        return found[0], found[1] / self.state_scale[:, None]
 
     def _columns(self) -> tuple[tuple[str, ...], np.ndarray | None]:
         """Names that the interval function differentiates by, and where its columns go in every run.
@@ -202,18 +216,28 @@ class Shooting:
                     place[r, len(shared) + local.index(QUANTITIES[quantity])] = j
         return (*shared, *local), place
 
-    def _spread(self, S: np.ndarray, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Blocks in the columns of the interval function to blocks in all free parameters."""
-        width, ns = self.nq + self.ns, self.ns
-        wide_S, wide = np.zeros((self.nint, ns, width)), np.zeros((self.nint, width + 1, width + 1))
+    def _spread(self, S: np.ndarray) -> np.ndarray:
+        """Rows ``(nint, rows, columns)`` in the columns of the interval function to rows in all free parameters."""
+        wide = np.zeros((*S.shape[:2], self.nq + self.ns))
+        for first, last, take, put in self._moves(0):
+            wide[first:last][:, :, put] = S[first:last][:, :, take]
+        return wide
+
+    def _spread_gram(self, gram: np.ndarray) -> np.ndarray:
+        """The same for Gram blocks, residual included."""
+        width = self.nq + self.ns
+        wide = np.zeros((self.nint, width + 1, width + 1))
+        for first, last, take, put in self._moves(1):
+            wide[first:last][:, put[:, None], put] = gram[first:last][:, take[:, None], take]
+        return wide
+
+    def _moves(self, more: int) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
+        """Of every run: its intervals, the columns there and where they go; ``more`` columns follow the states."""
         for place, first, last in zip(self._place_of_runs, self.first[:-1], self.first[1:], strict=True):
             known = np.flatnonzero(place >= 0)
-            ends = np.arange(self.nq, width + 1)
-            take = np.concatenate([known, place.size + np.arange(ns + 1)])
-            put = np.concatenate([place[known], ends])
-            wide_S[first:last][:, :, put[:-1]] = S[first:last][:, :, take[:-1]]
-            wide[first:last][:, put[:, None], put] = gram[first:last][:, take[:, None], take]
-        return wide_S, wide
+            take = np.concatenate([known, place.size + np.arange(self.ns + more)])
+            put = np.concatenate([place[known], self.nq + np.arange(self.ns + more)])
+            yield int(first), int(last), take, put
 
     @property
     def _place_of_runs(self) -> np.ndarray:

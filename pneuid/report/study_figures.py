@@ -127,8 +127,9 @@ def _swept(study: Study) -> list[Condition]:
 
 
 def _colors(count: int) -> list[str]:
-    ramp = mpl.colors.LinearSegmentedColormap.from_list("levels", style.LEVELS)
-    return [mpl.colors.to_hex(ramp(k / max(count - 1, 1))) for k in range(count)]
+    """Light to dark; seven shades of one colour could not be told apart."""
+    ramp = mpl.colormaps["viridis_r"]
+    return [mpl.colors.to_hex(ramp(0.15 + 0.85 * k / max(count - 1, 1))) for k in range(count)]
 
 
 def _words(item: Condition, patm: float) -> str:
@@ -150,7 +151,7 @@ def curves(result: StudyResult, chosen: Sequence[Condition]) -> Figure:
             line = item.steady(both)
             if axes is wide:
                 line[both.size // 2] = np.nan
-            axes.plot(1e3 * both, line, color=color, lw=1.2)
+            axes.plot(1e3 * both, line, color=color, lw=1.2, ls="-" if item.Fs is not None else "--")
             inside = [p for p in item.points if abs(p.v) <= reach * 1.001 and (axes is wide or p.v > 0)]
             offset = 0.0 if item.offset is None else item.offset.value
             axes.errorbar(
@@ -161,9 +162,11 @@ def curves(result: StudyResult, chosen: Sequence[Condition]) -> Figure:
     for axes in (wide, near):
         axes.set_xlabel("speed v (mm/s)")
         axes.xaxis.set_major_locator(ticks(6))
-    wide.set_ylabel("friction (N)")
+        axes.set_ylabel("friction (N)")
     near.set_ylim(bottom=min(0.0, near.get_ylim()[0]))
-    meaning = "marks: mean and scatter of a stroke; line: eq. 5 fitted"
+    meaning = "pressures gauge; marks: mean over a stroke ± standard deviation of its samples; line: eq. 5 fitted"
+    if any(item.Fs is None for item in chosen):
+        meaning += "\n(dashed: Fs and vs not seen by the classic route, the line is Fc + σ₂ v)"
     figure.legend(loc="outside lower center", ncols=min(4, len(chosen)), title=meaning)
     return figure
 
@@ -188,7 +191,7 @@ def coefficient(result: StudyResult, chosen: Sequence[Condition], target: str, a
     if result.truth is not None:
         axes.plot(dense / 1e3, factor * law(result.truth, target, *pair), color=style.FLOOR, lw=3.0, label="truth")
     if target in result.study.laws:
-        line = np.broadcast_to(result.study.laws[target].at(*pair), dense.shape)
+        line = law({name: value.value for name, value in result.study.coefficients().items()}, target, *pair)
         axes.plot(dense / 1e3, factor * line, color=style.MEASURED, lw=1.1, label="law, classic route")
     if target in result.joint_values:
         line = law(result.joint_values, target, *pair)
@@ -229,7 +232,7 @@ def loops(result: StudyResult, chosen: Sequence[Condition], drive: bool = False)
             _one_loop(axes, loop, color, _words(item, patm), drive)
     axes.set_xlabel("displacement (mm)")
     axes.set_ylabel("driving force F (N)" if drive else "friction (N)")
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title="gauge")
     return figure
 
 
@@ -249,7 +252,7 @@ def verification(result: StudyResult) -> Figure:
     """The pressure pairs kept out: measured points, the curves of both routes, and what is left."""
     study = result.study
     figure = new_figure(4.6)
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.8, 1.0])
     for item, mark in zip(study.held_out, _cycled(len(study.held_out)), strict=True):
         ps, dp = item.p1 - study.rig.patm, item.p1 - item.p2
         offset = 0.0 if item.offset is None else item.offset.value
@@ -277,4 +280,5 @@ def verification(result: StudyResult) -> Figure:
     below.set_ylabel("measured − curve (N)")
     above.set_ylabel("friction (N)")
     above.legend()
+    figure.align_ylabels()
     return figure

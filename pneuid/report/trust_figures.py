@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -40,7 +41,8 @@ LEAST_CHANGE = 1e-3
 
 def symbol(text: str) -> str:
     """A declared symbol such as ``F_c``, ``σ0``, ``F_s - F_c`` or ``k1 (dFc/dps)`` as mathematics, else as it stands."""
-    terms = [_TERM.fullmatch(word) for word in text.split(" (")[0].split(" - ")]
+    head, _, _ = text.partition(" (")
+    terms = [_TERM.fullmatch(word) for word in head.split(" - ")]
     shown_terms = [
         f"{found[1]}_{{\\mathrm{{{found[2] or found[3]}}}}}" if found[2] or found[3] else found[1] for found in terms if found
     ]
@@ -118,7 +120,7 @@ def _laws(model: Model, p1: np.ndarray, p2: np.ndarray) -> tuple[tuple[str, ...]
     count = len(plant.parameter_names)
     slopes = ca.densify(ca.jacobian(values, theta)[:, :count])
     function = ca.Function("laws", [s, w, theta], [ca.densify(values), ca.reshape(slopes, -1, 1)])
-    known = {"p1": p1, "p2": p2, "x": 0.5 * (model.ranges["x_low"] + model.ranges["x_high"])}
+    known: dict[str, Any] = {"p1": p1, "p2": p2, "x": 0.5 * (model.ranges["x_low"] + model.ranges["x_high"])}
     known |= {"psup": model.rig.supply if plant.servo else 0.0}
     known |= {state.name: state.initial for state in plant.effect_states}
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from pneuid.errors import UserError
 from pneuid.terminal import DEMO_ROOT, CommandParser, run_command
 from pneuid.workbench.project import Project, demo_project
-from pneuid.workbench.security import LARGEST_UPLOAD
+from pneuid.workbench.security import LARGEST_RUN, LARGEST_UPLOAD
 
 _EXAMPLE = """example:
   python -m pneuid.workbench monday
@@ -45,8 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise UserError(f'the workbench needs {", ".join(missing)}; install it with: pip install "pneuid[workbench]"')
     if given.port is not None and not 1 <= given.port <= 65535:
         raise UserError(f"--port {given.port}: must lie between 1 and 65535")
-    if not 0 < given.max_upload <= 2048:
-        raise UserError(f"--max-upload {given.max_upload:g}: must lie between 0 and 2048 MB")
+    if not 0 < given.max_upload <= LARGEST_RUN / 2**20:
+        raise UserError(f"--max-upload {given.max_upload:g}: must lie between 0 and {LARGEST_RUN / 2**20:.0f} MB")
     project = Project(Path(given.folder)) if given.folder else demo_project(Path(DEMO_ROOT) / "workbench")
     from pneuid.workbench.server import free_port, serve  # noqa: PLC0415 - the extra, and a second of imports
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pneuid.report.quantities import percent, probability, times
-from pneuid.workbench.look import ACCEPTED, FREE_RUN, MARKS, NEUTRAL, PLOTLY_MARKS, REJECTED, Ink
+from pneuid.workbench.look import ACCEPTED, DARK, FREE_RUN, MARKS, NEUTRAL, PLOTLY_MARKS, REJECTED, Ink
 from pneuid.workbench.payload import Channel
 from pneuid.workbench.traces import CONFIG, axis_style, base_layout
 
@@ -59,7 +59,7 @@ def log_axis(low: float, high: float) -> dict[str, Any]:
 
 def _note(text: str, ink: Ink) -> dict[str, Any]:
     return {"text": text, "xref": "paper", "yref": "paper", "x": 0.5, "y": 0.5, "showarrow": False,
-            "font": {"size": 14, "color": ink.text}}  # fmt: skip
+            "bgcolor": ink.paper, "borderpad": 6, "font": {"size": 14, "color": ink.text}}  # fmt: skip
 
 
 def cloud(
@@ -123,10 +123,14 @@ def ranking_chart(diagnosis: Mapping[str, Any], ink: Ink, most: int = 12) -> Fig
                          "marker": {"color": color, "size": 13}, "name": words,
                          "hovertemplate": "%{x:.3f} times the error without it<extra></extra>"})  # fmt: skip
     layout = base_layout(ink, "ranking")
-    layout["margin"] |= {"l": 190, "r": 200}
-    layout["xaxis"] = axis_style(ink, "predicted drop of the cost (%)") | {"domain": [0, 0.46], "rangemode": "tozero"}
+    layout["margin"] |= {"l": 190, "r": 200, "t": 84, "b": 10}
+    layout["legend"] |= {"yref": "container", "y": 1.0, "yanchor": "top"}
+    # the axes stand above the rows, so that the best candidates can be read without scrolling
+    layout["xaxis"] = axis_style(ink, "predicted drop of the cost (%)") | {
+        "domain": [0, 0.46], "rangemode": "tozero", "side": "top",
+    }  # fmt: skip
     layout["xaxis2"] = axis_style(ink, "held-out error, with it / without it (–)") | {
-        "domain": [0.54, 1.0], "anchor": "y", "range": [0, 1.15 * max([1.0, *_ratios(rows)])],
+        "domain": [0.54, 1.0], "anchor": "y", "side": "top", "range": [0, 1.15 * max([1.0, *_ratios(rows)])],
     }  # fmt: skip
     layout["yaxis"] = axis_style(ink, "") | {
         "categoryorder": "array",
@@ -225,7 +229,8 @@ def ladder_chart(rungs: Sequence[Mapping[str, Any]], ink: Ink) -> Figure:
 
 # --- control ---
 
-_STUDY_COLORS = ("#0072b2", "#d55e00", "#009e73", "#aa4499", "#e69f00", "#56b4e9", "#332288", "#8c8c8c")
+_STUDY_LIGHT = ("#0072b2", "#d55e00", "#009e73", "#aa4499", "#e69f00", "#56b4e9", "#332288", "#8c8c8c")
+_STUDY_DARK = ("#2a94db", "#f0782a", "#14c592", "#e08fd0", "#e6b440", "#9bd7f7", "#a79bf0", "#b5b5b5")
 _STUDY_MARKS = ("circle", "square", "diamond", "triangle-up", "x", "star", "cross", "hexagon")
 ATMOSPHERE = 101_325.0
 
@@ -236,20 +241,24 @@ def study_chart(results: Sequence[Mapping[str, Any]], reference: str, metric: st
     series = list(dict.fromkeys((row["controller"], row["model"]) for row in own))
     models = list(dict.fromkeys(model for _, model in series))
     controllers = list(dict.fromkeys(controller for controller, _ in series))
+    colors = _STUDY_DARK if ink is DARK else _STUDY_LIGHT
     data = []
     for controller, model in series:
         rows = [row for row in own if (row["controller"], row["model"]) == (controller, model)]
         supplies = sorted({row["supply"] for row in rows})
-        k = controllers.index(controller) % len(_STUDY_COLORS)
+        k = controllers.index(controller) % len(colors)
         values = [_rms([row["metrics"].get(metric) for row in rows if row["supply"] == supply]) for supply in supplies]
         data.append({"type": "scatter", "mode": "lines+markers", "x": [(supply - ATMOSPHERE) / 1e5 for supply in supplies],
                      "y": values, "name": controller if len(models) < 2 else f"{controller}, {model}",
-                     "line": {"color": _STUDY_COLORS[k], "width": 2, "dash": "solid" if model == models[0] else "dash"},
+                     "line": {"color": colors[k], "width": 2, "dash": "solid" if model == models[0] else "dash"},
                      "marker": {"size": 9, "symbol": _STUDY_MARKS[k]}})  # fmt: skip
     layout = base_layout(ink, f"study {reference} {metric}")
     layout["legend"] = {"x": 1.01, "y": 1.0, "font": {"size": 13}}
     layout["margin"] |= {"r": 320}
-    layout["xaxis"] = axis_style(ink, "supply pressure (bar gauge)")
+    at = sorted({(row["supply"] - ATMOSPHERE) / 1e5 for row in own})
+    layout["xaxis"] = axis_style(ink, "supply pressure (bar gauge)") | {
+        "tickvals": at, "ticktext": [f"{value:.3g}" for value in at],
+    }  # fmt: skip
     layout["yaxis"] = axis_style(ink, label) | _study_axis(data)
     layout["hovermode"] = "closest"
     return _figure(data, layout)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +57,20 @@ def _free_folder(folder: Path, name: str) -> Path:
     return found
 
 
+@contextmanager
+def _result_folder(target: Path) -> Iterator[Path]:
+    """Where to write a result: it becomes ``target`` when all of it is there, and nothing is left otherwise."""
+    part = target.with_name(f".{target.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir()
+    try:
+        yield part
+        part.rename(target)
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
+
+
 def fit(request: FitRequest, monitor: Report, say: Say) -> tuple[str, ComparisonView]:
     """Fit, compare and write a result folder; its name and the comparison. Raises ``UserError``."""
     if not request.train:
@@ -77,10 +93,10 @@ def fit(request: FitRequest, monitor: Report, say: Say) -> tuple[str, Comparison
     comparison = model.compare(train, held)
     before = read_ladder(parent_file.parent / "ladder.json") if parent_file else []
     rungs = [*before, *_rejected(folder, request.diagnosis), rung_of(comparison, request.added)]
-    target.mkdir()
-    write(target / "ladder.json", json.dumps(to_json(rungs), indent=1))
-    write(target / "metrics.json", json.dumps(metrics_json(comparison), indent=1, allow_nan=False))
-    model.save(target / "model.json")
+    with _result_folder(target) as part:
+        write(part / "ladder.json", json.dumps(to_json(rungs), indent=1))
+        write(part / "metrics.json", json.dumps(metrics_json(comparison), indent=1, allow_nan=False))
+        model.save(part / "model.json")
     _known[str(target)] = model
     return target.name, view_of(comparison)
 
@@ -119,9 +135,9 @@ def diagnose(folder: Path, name: str, train: Sequence[str], held: Sequence[str],
     runs = _read(folder, train, rig), _read(folder, held, rig)
     found = api.diagnose(model, runs[0], runs[1], monitor, say)
     target = _free_folder(folder, f"{name}_diagnosed")
-    target.mkdir()
     content = {**found.diagnosis.to_dict(), "rungs": to_json(found.rungs), "model": name}
-    write(target / "diagnosis.json", json.dumps(content, indent=1, allow_nan=False))
+    with _result_folder(target) as part:
+        write(part / "diagnosis.json", json.dumps(content, indent=1, allow_nan=False))
     return target.name
 
 

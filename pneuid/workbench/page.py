@@ -34,17 +34,20 @@ body { background:var(--ground); color:var(--ink); font-size:15px; }
 .panel { background:var(--panel); border:1px solid var(--line); border-radius:6px; padding:12px 14px; }
 .soft { color:var(--soft); font-size:14px; }
 .head { font-weight:600; font-size:16px; }
-.tabs .q-btn { color:var(--ink) !important; border-radius:6px 6px 0 0; border-bottom:3px solid transparent; padding:4px 12px; }
+.tabs .q-btn.q-btn { color:var(--ink) !important; border-radius:6px 6px 0 0; border-bottom:3px solid transparent; padding:4px 12px; }
 .tabs .q-btn.chosen { border-bottom-color:#0072b2; font-weight:600; }
 body.body--dark .tabs .q-btn.chosen { border-bottom-color:#56b4e9; }
+body.body--dark .q-btn--flat.text-primary, body.body--dark .q-field--focused .text-primary,
+body.body--dark .q-field--focused .q-field__label { color:#7cc4f0 !important; }
+body.body--dark .q-btn--outline.text-negative { color:#f0935a !important; }
 .good { border-left:4px solid #009e73; } .warning { border-left:4px solid #d55e00; } .note { border-left:4px solid #0072b2; }
 .plain { border-collapse:collapse; width:100%; font-variant-numeric:tabular-nums; font-size:14px; }
 .plain th { text-align:left; color:var(--soft); font-weight:600; }
 .plain th, .plain td { padding:4px 10px 4px 0; border-bottom:1px solid var(--line); }
 .plain .r { text-align:right; }
 .region { cursor:pointer; border:1px solid var(--line); border-radius:6px; padding:8px 10px; background:var(--panel); }
-.region:hover, .region.q-notification .q-btn { color:#fff !important; }
-:focus-visible { border-color:#e69f00; }
+.region:hover { border-color:#e69f00; }
+.q-notification .q-btn { color:#fff !important; }
 .region.chosen { border:2px solid #e69f00; padding:7px 9px; }
 .run-row { border-bottom:1px solid var(--line); padding:5px 4px; border-left:4px solid transparent; cursor:pointer; }
 .run-row.chosen { border-left-color:#0072b2; background:rgba(0,114,178,.09); }
@@ -143,7 +146,8 @@ class Page:
             if number > self._said:
                 self._said = number
                 with self.content:
-                    ui.notify(message, type=kind, position="bottom", multi_line=True, close_button="close",
+                    ui.notify(message, type=kind, position="bottom-right", multi_line=True,
+                              close_button="close" if kind == "negative" else False,
                               timeout=12_000 if kind == "negative" else 4_000)  # fmt: skip
         for refresh in self.ticks:
             refresh()
@@ -166,7 +170,7 @@ class Page:
             action(*arguments, **named)
         except UserError as error:
             ui.notify(
-                str(error), type="negative", position="bottom", multi_line=True, close_button="close", timeout=12_000
+                str(error), type="negative", position="bottom-right", multi_line=True, close_button="close", timeout=12_000
             )
             return False
         return True

@@ -57,22 +57,35 @@ def run_data(run: Recording, rig: Rig, preview: bool = False) -> RunData:
 
 
 def preview_run(path: Path, rig_text: str) -> RunData | None:
-    """Every k-th line of a large text file, for the first look; None where there is no shortcut."""
+    """Lines from places spread over a large text file, for the first look; None where there is no shortcut."""
     if path.suffix.lower() not in (".csv", ".txt", ".dat") or path.stat().st_size < LARGE_TEXT:
         return None
     rig = rig_of(rig_text)
-    lines = path.read_bytes().split(b"\n")
-    head = rig.files.skip_rows + int(rig.files.header)
-    every = max(1, (len(lines) - head) // PREVIEW_SAMPLES)
+    lines = _spread(path, rig.files.skip_rows + int(rig.files.header))
     with tempfile.TemporaryDirectory() as folder:
         thin = Path(folder) / path.name
-        thin.write_bytes(b"\n".join([*lines[:head], *lines[head : len(lines) - 1 : every]]))
+        thin.write_bytes(b"".join(lines))
         try:
             run = Recording.read(thin, rig)
         except UserError:
             # the whole file will be refused with the right row number in a moment
             return None
     return run_data(run, rig, preview=True)
+
+
+def _spread(path: Path, head: int) -> list[bytes]:
+    """The first ``head`` lines of a file, then about PREVIEW_SAMPLES whole lines from places evenly spread over it."""
+    with path.open("rb") as stream:
+        lines = [stream.readline() for _ in range(head)]
+        first, size = stream.tell(), path.stat().st_size
+        for place in np.linspace(first, size, PREVIEW_SAMPLES, endpoint=False, dtype=np.int64).tolist():
+            if place > first:
+                stream.seek(max(place, stream.tell()) - 1)
+                stream.readline()
+            line = stream.readline()
+            if line.endswith(b"\n"):
+                lines.append(line)
+    return lines
 
 
 def check_upload(path: Path, rig_text: str | None) -> str:

@@ -20,6 +20,9 @@ LONGEST_NAME = 120
 LARGEST_UPLOAD = 200 * 2**20
 """Largest body of one request in bytes, unless the command says otherwise."""
 
+LARGEST_RUN = 2**30
+"""Size in bytes above which a file of the folder is not read: it would take the memory that the fit needs."""
+
 _FORBIDDEN = re.compile(r'[\x00-\x1f\x7f<>:"|?*]')
 
 Scope = MutableMapping[str, Any]

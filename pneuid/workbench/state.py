@@ -17,7 +17,7 @@ from pneuid.workbench.jobs import Job, Worker
 from pneuid.workbench.payload import ComparisonView, EffectCard, ParameterRow, RawPreview, RunData
 from pneuid.workbench.project import RIG, Project, RunFile, write
 from pneuid.workbench.request import FitRequest
-from pneuid.workbench.security import LARGEST_UPLOAD
+from pneuid.workbench.security import LARGEST_RUN, LARGEST_UPLOAD
 
 READING, COMPUTING = "pneuid.workbench.reading", "pneuid.workbench.computing"
 LOOK_SECONDS = 2.0
@@ -140,13 +140,17 @@ class Workbench:
             self.data.pop(run.name, None)
             self.faults[run.name] = self._short(message)
 
+        if run.size > LARGEST_RUN:
+            failed(f"{run.name}: {run.size / 2**30:.1f} GB is more than the 1 GB a run may have; cut it into several runs")
+            return
         if run.size > _LARGE:
             self.reader.submit(f"a first look at {run.name}", READING, "preview_run", arguments, then=read)
         self.reader.submit(f"reading {run.name}", READING, "read_run", arguments, then=read, otherwise=failed)
 
     def _doubt(self) -> None:
         """Have the runs in use looked at together, the very large ones apart."""
-        paths = [self.project.path(run.name) for run in self.files if run.role != "unused" and run.size < _LARGE]
+        used = [run for run in self.files if run.role != "unused" and run.size < _LARGE]
+        paths = [self.project.path(run.name) for run in used]
         arguments = {"paths": paths, "rig_text": self.project.rig_text()}
 
         def doubted(found: tuple[str, ...]) -> None:
@@ -257,6 +261,9 @@ class Workbench:
             raise UserError(f"a job is running already ({self.job.title}); wait for it or cancel it")
         if not self.project.has_rig:
             raise UserError("there is no rig.toml yet; describe the rig in the Data view first")
+        for run in self.files:
+            if run.role != "unused" and run.name in self.faults:
+                raise UserError(f"{self.faults[run.name]}; mend it, or give it the role 'not used' in the Data view")
 
         def failed(message: str) -> None:
             if message != "cancelled":

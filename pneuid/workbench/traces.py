@@ -16,6 +16,9 @@ POINTS = 1600
 MARGIN = 0.5
 """Part of the visible range that is sent on either side of it, so that a pan shows data at once."""
 
+LABELS = 76
+"""Width in pixels of the column of labels left of a stack of panels."""
+
 _DOWNSAMPLER = MinMaxDownsampler()
 
 
@@ -97,7 +100,7 @@ def stack(
         axis = "y" if k == 0 else f"y{k + 1}"
         size = height * row.weight / total
         layout["yaxis" if k == 0 else f"yaxis{k + 1}"] = _axis(ink, row, (max(top - size, 0.0), top))
-        titles.append(_title(row.label, top, ink))
+        titles.append(_title(row.label, top - 0.5 * size, ink))
         top -= size + gap
         if row.band > 0:
             shapes.append({
@@ -116,7 +119,7 @@ def stack(
     last = "y" if len(rows) == 1 else f"y{len(rows)}"
     layout["xaxis"] = axis_style(ink, "t (s)") | {"anchor": last, "range": list(span or (float(t[0]), float(t[-1])))}
     layout["shapes"], layout["annotations"] = shapes, titles
-    layout["margin"] |= {"l": 58}
+    layout["margin"] |= {"l": LABELS + 50}
     layout["hovermode"] = "x"
     layout["dragmode"] = "zoom"
     return {"data": data, "layout": layout, "config": CONFIG}
@@ -149,11 +152,11 @@ def axis_style(ink: Ink, title: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _title(label: str, top: float, ink: Ink) -> dict[str, Any]:
-    """The label of a panel inside its upper left corner: turned on its side it would not fit a low panel."""
+def _title(label: str, middle: float, ink: Ink) -> dict[str, Any]:
+    """The label of a panel left of its axis, the unit below the name: turned on its side it would not fit a low panel."""
     return {
-        "text": label, "xref": "paper", "yref": "paper", "x": 0.004, "y": top, "xanchor": "left", "yanchor": "top",
-        "showarrow": False, "font": {"size": 13, "color": ink.text}, "bgcolor": ink.paper, "opacity": 0.85, "borderpad": 1,
+        "text": label.replace(" (", "<br>("), "xref": "paper", "yref": "paper", "x": 0, "xshift": -LABELS - 46, "y": middle,
+        "xanchor": "left", "yanchor": "middle", "align": "left", "showarrow": False, "font": {"size": 13, "color": ink.text},
     }  # fmt: skip
 
 

@@ -21,7 +21,7 @@ def build(page: Any) -> None:
             ui.label("Ladder of models").classes("head grow")
             model_choice(page)
         if not rungs:
-            ui.label("No rung yet: the first fit makes one.").classes("soft")
+            ui.label("No rung yet: the first fit makes one, every effect that is added makes the next.").classes("soft")
             return
         totals = [overall(item) for item in rung_errors(rungs)]
         ui.label(_sentence(rungs, totals)).props('data-testid="ladder-words"')
@@ -32,7 +32,7 @@ def build(page: Any) -> None:
              times(total) if math.isfinite(total) else "diverged", ", ".join(f"{n} {times(v)}" for n, v in item.items()))
             for k, (rung, total, item) in enumerate(zip(rungs, totals, rung_errors(rungs), strict=True))
         ]  # fmt: skip
-        table(("rung", "step", "", "parameters", "error / floor", "per signal"), rows, (3, 4), "rungs")
+        table(("rung", "step", "decision", "parameters", "error / floor", "per signal"), rows, (3, 4), "rungs")
 
 
 def _sentence(rungs: list[dict[str, Any]], totals: list[float]) -> str:
@@ -42,6 +42,9 @@ def _sentence(rungs: list[dict[str, Any]], totals: list[float]) -> str:
     (first, start), (last, end) = accepted[0], accepted[-1]
     kind = "Held-out" if last["hold_out"] else "Training"
     if len(accepted) == 1:
-        return f"{kind} error: {times(end)} the noise floor with {last['parameters']} parameters."
+        return (
+            f"{kind} error: {times(end)} the noise floor with {last['parameters']} parameters. "
+            "What is missing tells which effect would make the next rung."
+        )
     more = last["parameters"] - first["parameters"]
     return f"{kind} error: from {times(start)} to {times(end)} the noise floor, with {more} more parameters."

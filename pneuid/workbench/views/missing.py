@@ -57,7 +57,7 @@ def _diagnosis(page: Any, folder: str, found: Mapping[str, Any], running: bool) 
     with ui.column().classes("panel w-full gap-1"):
         ui.label("Ranking of the catalogue").classes("head")
         rows = min(len(found["ranking"]), 12)
-        chart(ranking_chart(found, page.ink), f"{120 + 34 * rows}px", "ranking")
+        chart(ranking_chart(found, page.ink), f"{100 + 32 * rows}px", "ranking")
         _groups(found)
     _next_experiment(page, found)
 
