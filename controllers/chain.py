@@ -10,8 +10,9 @@ from pathlib import Path
 from rich.console import Console
 
 from controllers.figures import errors_figure
-from controllers.grid import Result, run_study
+from controllers.grid import Candidate, Result, run_study
 from controllers.measure import measured_runs
+from controllers.pool import Pool
 from controllers.registry import CONTROLLERS
 from controllers.scenario import Scenario, read_scenario
 from pneuid import api
@@ -42,9 +43,7 @@ class Chain:
     rungs: list[Rung]
 
 
-def run_chain(
-    runs: Runs, scenario_file: Path, progress: Progress, workers: int | None
-) -> tuple[Chain, Scenario, TruthServo]:
+def run_chain(runs: Runs, scenario_file: Path, progress: Progress, pool: Pool) -> tuple[Chain, Scenario, TruthServo]:
     """Fit, diagnose, add and study. Raises ``ComputationError`` when no effect is named, so nothing can be added."""
     progress.doing(f"fitting the base model to {len(runs.train)} runs")
     base = api.fit(runs.rig, runs.train, name="base model", hold_out=runs.hold_out, monitor=progress.monitor)
@@ -66,9 +65,9 @@ def run_chain(
     progress.doing("comparing the new model with the recordings")
     after = better.compare(runs.train, runs.hold_out)
     scenario, truth, hidden = read_scenario(scenario_file)
-    models = {label: (model.plant, model.theta()) for label, model in _models(before, after).items()}
+    candidates = [Candidate(label, own.plant, own.theta()) for label, own in _models(before, after).items()]
     progress.doing("closed loops on the virtual rig, controllers made from the model before and after")
-    results = run_study(scenario, models, truth, hidden, workers=workers)
+    results = run_study(scenario, candidates, truth, hidden, pool=pool)
     rejected = [rung for rung in verdict.rungs if not rung.accepted]
     rungs = [rung_of(before, None), *rejected, rung_of(after, ", ".join(added))]
     return Chain(before, verdict, after, results, rungs), scenario, truth
@@ -142,10 +141,10 @@ def _tracking_section(
     )
 
 
-def play(folder: Path, workers: int | None, runs: Runs, scenario_file: Path) -> None:
+def play(folder: Path, pool: Pool, runs: Runs, scenario_file: Path) -> None:
     """The command behind ``--chain``: progress, a summary on the terminal, the report."""
     with Progress() as progress:
-        chain, scenario, truth = run_chain(runs, scenario_file, progress, workers)
+        chain, scenario, truth = run_chain(runs, scenario_file, progress, pool)
         progress.doing("writing the report")
         path = write_chain(chain, scenario, truth, folder)
     console = Console(highlight=False, markup=False, soft_wrap=True)
@@ -172,10 +171,10 @@ def play(folder: Path, workers: int | None, runs: Runs, scenario_file: Path) -> 
     console.print("or, every controller at every pressure: python -m controllers.study")
 
 
-def play_scenario(folder: Path, workers: int | None, scenario_file: Path | None) -> None:
+def play_scenario(folder: Path, pool: Pool, scenario_file: Path | None) -> None:
     """The embedded story, or the same on recordings of the virtual rig of a scenario."""
     if scenario_file is None:
-        play(folder, workers, demo_runs(), scenario_path("demo/study.toml"))
+        play(folder, pool, demo_runs(), scenario_path("demo/study.toml"))
         return
     _, truth, hidden = read_scenario(scenario_file)
-    play(folder, workers, measured_runs(truth, hidden), scenario_file)
+    play(folder, pool, measured_runs(truth, hidden), scenario_file)

@@ -40,7 +40,7 @@ class Played:
     sensors: Sensors
 
     def under(self, condition: Condition) -> Played:
-        """This rig under ``condition``."""
+        """The rig under ``condition``."""
         truth = replace(
             self.truth,
             friction=scaled(self.truth.friction, condition.friction),

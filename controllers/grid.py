@@ -128,7 +128,7 @@ def played(batch: Batch) -> list[dict[str, Any]]:
     controller = _controller(batch.variant)
     controller.retune(type(controller.gains)(**batch.gains))
     plant = ServoPlant(batch.rig.truth, batch.rig.hidden, batch.rig.sensors)
-    found = []
+    found: list[dict[str, Any]] = []
     for seed in batch.seeds:
         try:
             run = loop.run(controller, plant, batch.reference, batch.supply, seed)

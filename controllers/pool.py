@@ -68,7 +68,9 @@ class Cluster:
         try:
             self._client = distributed.Client(address, timeout=CONNECTING, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
-            raise UserError(f"--scheduler {address}: no Dask scheduler answers; start one with 'dask scheduler'") from error
+            raise UserError(
+                f"--scheduler {address}: no Dask scheduler answers; start one with 'dask scheduler'"
+            ) from error
         if not self._client.scheduler_info()["workers"]:
             self._client.close()
             raise UserError(f"--scheduler {address}: it has no workers; start some with 'dask worker {address}'")

@@ -247,9 +247,11 @@ def _scenario(parsed: _File, where: str) -> tuple[Scenario, TruthServo, Hidden]:
 def _conditions(parsed: _File, where: str) -> tuple[Condition, ...]:
     """Those of the file: one per price, or the nominal one and its deviations."""
     if parsed.prices and (parsed.conditions or parsed.models.source != "identified"):
-        raise UserError(f"{where}: prices: need models.source = \"identified\" and no [[conditions]] beside them")
+        raise UserError(f'{where}: prices: need models.source = "identified" and no [[conditions]] beside them')
     if parsed.prices:
-        found = [Condition(own.effect, hidden=_hidden(own.hidden, f"{where}: prices.{own.effect}")) for own in parsed.prices]
+        found = [
+            Condition(own.effect, hidden=_hidden(own.hidden, f"{where}: prices.{own.effect}")) for own in parsed.prices
+        ]
     else:
         found = [AS_KNOWN]
     for own in parsed.conditions:
@@ -271,7 +273,9 @@ def _hidden(table: Any, where: str) -> Hidden:
         raise UserError(f"{where}.hidden: {error}") from error
     recorded = [name for name in RECORDED_ONLY if getattr(hidden, name) != 0.0]
     if recorded:
-        raise UserError(f"{where}.hidden: {', '.join(recorded)}: acts in recordings only, a closed loop does not have it")
+        raise UserError(
+            f"{where}.hidden: {', '.join(recorded)}: acts in recordings only, a closed loop does not have it"
+        )
     return hidden
 
 

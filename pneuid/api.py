@@ -18,12 +18,13 @@ from pneuid.criticism.prediction import predict_free
 from pneuid.criticism.trust import trust
 from pneuid.effect import Effect
 from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
+from pneuid.effects._by_name import canonical
 from pneuid.effects._own_file import own_effects
-from pneuid.effects._spline import canonical
 from pneuid.errors import UserError
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.fit import fit as estimate
 from pneuid.estimation.preparation import prepare
+from pneuid.estimation.profile import Profile, profile
 from pneuid.estimation.solver import Monitor
 from pneuid.model import Estimate, Model, model_of
 from pneuid.own_plant import checked_plant
@@ -65,6 +66,15 @@ class IdentifiedModel:
         still = frozen(self.content)
         found = predict_free(still, [prepare(run, still.plant, self.content.noise)])[0]
         return dict(zip(still.plant.outputs, found.predicted, strict=True))
+
+    def profile(self, name: str, monitor: Monitor | None = None) -> Profile:
+        """Profile likelihood of one parameter, all others fitted again at every value; needs a fit of this session.
+
+        Raises ``UserError`` for a model that was loaded, a relaxed fit or a parameter that is not fitted.
+        """
+        if self.fitted is None:
+            raise UserError(f"{self.content.name}: a profile needs the data of the fit; identify again with --profile {name}")
+        return profile(self.fitted, name, monitor)
 
     def save(self, path: str | Path) -> None:
         """Write model.json."""

@@ -22,6 +22,7 @@ from pneuid.model import Model, model_of
 from pneuid.recording import Recording
 from pneuid.report.study_figures import StudyResult, study_figures
 from pneuid.report.study_report import (
+    joint_words,
     law_words,
     route_rows,
     study_json,
@@ -213,12 +214,13 @@ def summary_lines(outcome: Outcome) -> list[str]:
     rows = [heads, *(list(row) for row in route_rows(outcome.result))]
     widths = [max(len(row[k]) for row in rows) for k in range(len(heads))]
     lines += ["  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
-    lines.append(f"sigma1, classic: assumed from the damping ratio {study.xi:g}, not measured")
+    if "sigma1" in study.coefficients():
+        lines.append(f"sigma1, classic: assumed from the damping ratio {study.xi:g}, not measured")
     for item in study.conditions:
         if item.Fs is None:
             p1, p2 = ((p - study.rig.patm) / 1e3 for p in (item.p1, item.p2))
             lines.append(f"p1 {p1:.0f}, p2 {p2:.0f} kPa: {item.verdict}")
-    return lines + law_words(outcome.result)[:1] + verification_words(outcome.result)
+    return [*lines, law_words(outcome.result)[0], *joint_words(outcome.result), *verification_words(outcome.result)]
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from pneuid.criticism.diagnosis import Diagnosis
 from pneuid.criticism.ladder import Rung, from_json, rung_of, to_json
 from pneuid.errors import UserError
 from pneuid.estimation.fit import Interrupted
+from pneuid.estimation.profile import Profile
 from pneuid.model import file_sha256, model_of
 from pneuid.physics.friction import LAWS
 from pneuid.report.reports import identify_report
@@ -54,6 +55,9 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument("--add", nargs="+", metavar="EFFECT", default=[], help="effects of the catalogue to add, 'spline:EQUATION(SIGNAL)', or your own")
     found.add_argument("--drop", nargs="+", metavar="EFFECT", default=[], help="effects to leave out")
     found.add_argument("--diagnosis", metavar="FILE", help="diagnosis.json whose rejected rungs join the ladder")
+    found.add_argument(
+        "--profile", nargs="+", metavar="NAME", default=[], help="parameters whose profile likelihood is wanted (slow)"
+    )
     add_effect_file_option(found)
     add_output_options(found)
     return found
@@ -91,8 +95,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             raise
         progress.doing("comparing with the recordings")
         comparison = model.compare(runs.train, runs.hold_out)
+        profiles = _profiles(model, given.profile, progress)
     rungs = [*before, rung_of(comparison, ", ".join(given.add) or None)]
-    write_results(folder, model, comparison, rungs)
+    write_results(folder, model, comparison, rungs, profiles=profiles)
     console = Console(highlight=False, markup=False, soft_wrap=True)
     for line in summary_lines(comparison):
         console.print(line)
@@ -106,6 +111,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "pneuid.diagnose", model_file, data=given.data, hold_out=given.hold_out, effect_file=given.effect_file, out=[out]
         )
         console.print(f"next: {line}")
+
+
+def _profiles(model: api.IdentifiedModel, names: Sequence[str], progress: Progress) -> list[Profile]:
+    """The profiles that can be had; why one cannot is said, and the fit is kept."""
+    found = []
+    for name in names:
+        progress.doing(f"profile likelihood of {name}")
+        try:
+            found.append(model.profile(name, progress.monitor))
+        except UserError as error:
+            progress.say(f"no profile: {error}")
+    return found
 
 
 def _runs(given: argparse.Namespace, parent: api.IdentifiedModel | None) -> Runs:
@@ -142,11 +159,14 @@ def write_results(
     comparison: Comparison,
     rungs: list[Rung],
     diagnosis: Diagnosis | None = None,
+    profiles: Sequence[Profile] = (),
 ) -> None:
     """model.json, ladder.json, metrics.json and report.html; the model last, so that its presence means complete."""
     write_json(folder / "ladder.json", to_json(rungs))
     write_json(folder / "metrics.json", metrics_json(comparison))
-    identify_report(folder / "report.html", comparison, rungs, diagnosis)
+    if profiles:
+        write_json(folder / "profiles.json", {item.name: item.to_dict() for item in profiles})
+    identify_report(folder / "report.html", comparison, rungs, diagnosis, profiles)
     model.save(folder / "model.json")
 
 

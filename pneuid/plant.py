@@ -234,13 +234,13 @@ class Plant:
         """Valve, flows and pressures: the first half of the evaluation order."""
         smoothing = Smoothing(*(th[name] for name in SMOOTHING_NAMES))
         x, v, p1, p2 = known["x"], known["v"], known["p1"], known["p2"]
-        opening = valve.relative_command(known["u"], th["null"], th["full_scale"])
+        opening, psup = valve.relative_command(known["u"], th["null"], th["full_scale"]), known["psup"]
         for effect, scope in zip(self.effects, scopes, strict=True):
-            scope.opening = opening
+            scope.opening, scope.psup = opening, psup
             opening = effect.valve(opening, scope)
         edge_1, edge_2 = valve.edges(opening, smoothing)
         edges = valve.Edges(supply_1=edge_1, supply_2=edge_2, exhaust_1=edge_2, exhaust_2=edge_1)
-        psup, b = known["psup"], th["b"]
+        b = th["b"]
         for effect, scope in zip(self.effects, scopes, strict=True):
             scope.opening_1, scope.opening_2 = edge_1, edge_2
             edges = effect.edges(edges, scope)

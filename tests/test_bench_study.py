@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from helpers import BENCH
+from test_real_data import ZILLEN, needs_zillen
 
 from pneuid import bench
 from pneuid.errors import UserError
@@ -18,7 +19,9 @@ from pneuid.estimation.bench.steady import Condition, Point, conditions
 from pneuid.estimation.bench.study import Study, classic_route
 from pneuid.estimation.differentiate import spline_motion
 from pneuid.recording import Recording
+from pneuid.resources import scenario_path
 from pneuid.rig import Rig
+from pneuid.terminal import run_command
 from pneuid.virtual_rig import (
     ATMOSPHERE,
     FRICTION_2011,
@@ -124,14 +127,23 @@ def test_speed_follows_a_reversal_and_is_zero_at_rest():
     motion = reciprocation(amplitude=0.15e-3, cycles=1)
     x = motion.x + NOISE * np.random.default_rng(3).standard_normal(motion.x.size)
     even = spline_motion(motion.t, x, NOISE)
-    fine = refined_motion(motion.t, x, NOISE, even)
-    turning = np.abs(motion.a) > 0.0
-    wrong = [np.sqrt(np.mean((item.x - motion.x)[turning] ** 2)) for item in (even, fine)]
-    assert wrong[1] < 0.25e-6
-    assert wrong[1] < 1.05 * wrong[0]
+    fine = refined_motion(motion.t, x, NOISE)
+    for part in (np.abs(motion.a) > 0.0, np.abs(motion.v) > 0.0):
+        wrong = [np.sqrt(np.mean((item.v - motion.v)[part] ** 2)) for item in (even, fine)]
+        # one bandwidth is too stiff for the reversals and too soft for the strokes; 0.5 mm/s is the speed
+        assert wrong[1] < 0.05e-3
+        assert wrong[1] < 0.75 * wrong[0]
+    assert np.std((fine.x - motion.x)[np.abs(motion.v) > 0.0]) < 0.4 * NOISE
     still = motion.t < 0.03
     assert np.mean(fine.v[still] == 0.0) > 0.8
-    assert np.max(np.abs(fine.v - motion.v)) < 0.3e-3
+
+
+def test_motion_of_uneven_time():
+    motion = reciprocation(amplitude=0.15e-3, cycles=1)
+    kept = np.sort(np.random.default_rng(4).permutation(motion.t.size)[: motion.t.size * 4 // 5])
+    t, x = motion.t[kept], motion.x[kept] + NOISE * np.random.default_rng(5).standard_normal(kept.size)
+    fine = refined_motion(t, x, NOISE)
+    assert np.sqrt(np.mean((fine.v - motion.v[kept]) ** 2)) < 0.03e-3
 
 
 # --- curves ---
@@ -291,3 +303,69 @@ def test_slips_are_one_line(arguments, words):
     with pytest.raises(UserError, match=words) as caught:
         bench.main(arguments)
     assert "\n" not in str(caught.value)
+
+
+def study_files(folder, pairs, motions=MOTIONS) -> list[str]:
+    """The runs as a user has them: CSV files in units of his own."""
+    names = []
+    for run in record(pairs, motions=motions):
+        p1, p2 = ((run.signals[name] - ATMOSPHERE) / 1e3 for name in ("p1", "p2"))
+        columns = np.column_stack([run.t, run.signals["x"] * 1e3, p1, p2, run.signals["F"]])
+        names.append(str(folder / run.name))
+        np.savetxt(names[-1], columns, "%.7f", ",", header="t [s],x [mm],p1 [kPa],p2 [kPa],F [N]", comments="")
+    return names
+
+
+def rig_file(folder) -> str:
+    path = folder / "rig.toml"
+    path.write_text(scenario_path("study_2011/rig.toml").read_text("utf-8"), "utf-8")
+    return str(path)
+
+
+def test_a_run_that_cannot_be_used_leaves_nothing_behind(tmp_path):
+    t = np.arange(300) * 1e-3
+    rows = np.column_stack([t, 250.0 + 30.0 * np.sin(20.0 * t), np.sign(np.cos(20.0 * t))])
+    np.savetxt(tmp_path / "sine.csv", rows, "%.6f", ",", header="t [s],x [mm],F [N]", comments="")
+    out = tmp_path / "study"
+    with pytest.raises(SystemExit) as ended:
+        run_command(bench.main, ["--rig", rig_file(tmp_path), "--data", str(tmp_path / "sine.csv"), "--out", str(out)])
+    assert ended.value.code == 2
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["rig.toml", "sine.csv"]
+
+
+def test_a_ctrl_c_ends_with_130_and_keeps_what_was_there(tmp_path, monkeypatch):
+    files = study_files(tmp_path, PAIRS[1:2], {"fast": MOTIONS["fast"]})
+    kept = tmp_path / "old"
+    kept.mkdir()
+    (kept / "model.json").write_text("old", "utf-8")
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(bench, "joint_fit", stopped)
+    for out in (tmp_path / "new", kept):
+        arguments = ["--rig", rig_file(tmp_path), "--data", *files, "--out", str(out), "--overwrite"]
+        with pytest.raises(SystemExit) as ended:
+            run_command(bench.main, arguments)
+        assert ended.value.code == 130
+    assert not (tmp_path / "new").exists()
+    assert [item.name for item in kept.iterdir()] == ["model.json"]
+    assert (kept / "model.json").read_text("utf-8") == "old"
+
+
+# --- a real bench ---
+
+
+@needs_zillen
+def test_zillens_strokes_are_found_and_friction_rises_with_pressure_as_the_author_has_it():
+    rig = Rig.from_toml(scenario_path("real/zillen/rig.toml"))
+    study = classic_route(rig, [Recording.read(ZILLEN / f"O-ring_{bar}bar.csv", rig) for bar in (1, 3, 5, 7)])
+    # the author's means take in the turns, which these sections leave out: 2 to 7 % lower
+    for item, author in zip(study.conditions, (3.93, 5.46, 6.94, 7.84), strict=True):
+        assert item.Fc.value == pytest.approx(author, rel=0.08)
+        assert item.Fs is None
+    law = study.laws["Fc"]
+    assert law.ps is not None
+    assert law.dp is None  # the rod side is vented: dp goes along with ps
+    assert abs(law.ps.value * 1e5 - 0.66) < 2.0 * law.ps.std * 1e5
+    assert study.sigma0 is None

@@ -1,22 +1,19 @@
-"""References, metrics, scenario files, the grid and the command."""
+"""References, metrics, scenario files."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from controllers import loop
-from controllers.grid import run_study
-from controllers.nominal import nominal_model
+from controllers.conditions import Played
 from controllers.references import Ramp, Sine, Smooth, Steps
 from controllers.scenario import read_scenario
-from controllers.study import main, table
 from pneuid.errors import UserError
 from pneuid.resources import scenario_path
-from pneuid.virtual_rig.truth import TruthServo
+from pneuid.virtual_rig.hidden import NOTHING
 
 REFERENCES = [
     Steps("steps", 0.1, 3.0, (0.1, 0.101, -0.02), 0.9, 0.4),
@@ -117,8 +114,37 @@ def written(tmp_path, text):
 def test_the_shipped_grid_loads():
     scenario, truth, hidden = read_scenario(scenario_path("pressure_grid.toml"))
     assert [round((p - truth.patm) / 1e5) for p in scenario.supplies] == [3, 5, 7]
-    assert len(scenario.controllers) == 6 and len(scenario.references) == 6
+    assert [own.name for own in scenario.references] == [
+        "steps", "sine 1 Hz", "sine 0.5 Hz", "ramp 1 mm/s", "ramp 5 mm/s", "random"
+    ]  # fmt: skip
     assert truth.friction.Fs_ps > 0.0 and hidden.load_mass == 0.0
+
+
+def test_the_disturbances_hold_every_condition_that_is_asked():
+    scenario, truth, hidden = read_scenario(scenario_path("disturbances.toml"))
+    by_name = {own.name: Played(truth, hidden, scenario.sensors).under(own) for own in scenario.conditions}
+    plain = by_name["as known"]
+    assert plain == Played(truth, hidden, scenario.sensors)
+    assert by_name["friction -30 %"].truth.friction.Fs_ps == pytest.approx(0.7 * truth.friction.Fs_ps)
+    assert by_name["friction +30 %"].truth.friction.sigma0 == truth.friction.sigma0
+    assert by_name["valve gain +15 %"].truth.conductance == pytest.approx(1.15 * truth.conductance)
+    assert by_name["mass +50 %"].hidden.load_mass == pytest.approx(0.5 * truth.mass)
+    assert by_name["noise 20 um"].sensors.x_noise == pytest.approx(20e-6)
+    hidden_of = {
+        "dead zone 5 %": "valve_dead_zone", "leak across the piston": "leakage_internal", "supply droop": "supply_droop",
+        "exhaust back-pressure": "exhaust_restriction", "load +100 N": "gravity",
+    }  # fmt: skip
+    for name, effect in hidden_of.items():
+        assert getattr(by_name[name].hidden, effect) > 0.0
+    assert len(scenario.references) == 6 and len(scenario.seeds) == 3
+
+
+def test_the_price_list_plays_each_effect_on_a_rig_of_its_own():
+    scenario, _, hidden = read_scenario(scenario_path("price_list.toml"))
+    assert scenario.models == "identified" and hidden == NOTHING
+    assert [own.effect for own in scenario.prices] == [own.name for own in scenario.conditions]
+    for price in scenario.prices:
+        assert getattr(price.condition.hidden, price.effect) != 0.0
 
 
 @pytest.mark.parametrize(
@@ -132,6 +158,15 @@ def test_the_shipped_grid_loads():
         ("[design]", "[truth.hidden]\nleakage = 0.1\n[design]", "truth.hidden.leakage"),
         ("[design]", "[truth.hidden]\nvalve_lag = -1.0\n[design]", "valve_lag"),
         ('title = "small"', 'title = "small', "not valid TOML"),
+        ("[design]", '[[conditions]]\nname = "x"\nfriction = 0.0\n[design]', "conditions.0.friction"),
+        ("[design]", '[[conditions]]\nname = "as known"\n[design]', "named twice"),
+        ("[design]", '[[conditions]]\nname = "x"\nhidden = {encoder_bow = 1e-5}\n[design]', "acts in recordings only"),
+        (
+            "[design]",
+            '[[prices]]\neffect = "gravity"\nhidden = {gravity = 5.0}\n[design]',
+            'models.source = "identified"',
+        ),
+        ("[design]", '[[prices]]\neffect = "weather"\nhidden = {}\n[design]', "prices.0.effect"),
     ],
 )
 def test_a_wrong_scenario_is_refused_by_file_and_key(tmp_path, old, new, said):
@@ -145,37 +180,3 @@ def test_a_wrong_scenario_is_refused_by_file_and_key(tmp_path, old, new, said):
 def test_a_missing_scenario_is_named(tmp_path):
     with pytest.raises(UserError, match="cannot read"):
         read_scenario(tmp_path / "absent.toml")
-
-
-# --- grid and command ---
-
-
-def test_results_do_not_depend_on_the_workers(tmp_path):
-    scenario, truth, hidden = read_scenario(written(tmp_path, SMALL))
-    scenario = replace(scenario, controllers=("pid", "cascade"), supplies=(truth.patm + 4e5, truth.patm + 6e5))
-    models = {"before": nominal_model(truth), "after": nominal_model(replace(truth, polytropic=1.3))}
-    told = []
-    one = run_study(scenario, models, truth, hidden, workers=1, on_result=lambda *counts: told.append(counts))
-    two = run_study(scenario, models, truth, hidden, workers=2)
-    assert told[0] == (0, 8) and told[-1] == (8, 8)
-    assert [(r.model, r.controller, r.supply) for r in one] == [(r.model, r.controller, r.supply) for r in two]
-    for a, b in zip(one, two, strict=True):
-        np.testing.assert_array_equal(a.run.u, b.run.u)
-    cells = list(table(one, "before", TruthServo().patm).columns[2].cells)
-    assert len(cells) == 4 and all(float(cell) > 0.0 for cell in cells)
-
-
-def test_the_command_writes_its_study_once(tmp_path, capsys):
-    path, out = written(tmp_path, SMALL), tmp_path / "out"
-    main([str(path), "--out", str(out), "--workers", "1"])
-    content = json.loads((out / "study.json").read_text(encoding="utf-8"))
-    assert content["schema"] == 1 and len(content["results"]) == 1
-    assert 0.0 < content["results"][0]["metrics"]["rms"] < 0.1
-    assert (out / "errors.png").stat().st_size > 10_000
-    assert "closed loops" in capsys.readouterr().out
-    with pytest.raises(UserError, match="--overwrite"):
-        main([str(path), "--out", str(out), "--workers", "1"])
-    with pytest.raises(UserError, match="--out is missing"):
-        main([str(path)])
-    with pytest.raises(UserError, match="--workers"):
-        main([str(path), "--out", str(tmp_path / "other"), "--workers", "0"])

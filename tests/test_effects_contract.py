@@ -71,8 +71,8 @@ CASES = [
     for effect in [*CATALOGUE.values(), *LAW_STEPS.values()]
     for kind in effect.rigs
     for law in effect.laws
-    # what does not touch the force balance is tested beside one friction law
-    if law == effect.laws[0] or effect.equation in ("friction", "force")
+    # what does not touch friction is tested beside one friction law
+    if effect.equation == "friction" or law == ("lugre" if "lugre" in effect.laws else effect.laws[0])
 ]
 
 

@@ -125,6 +125,72 @@ def test_an_upload_without_a_length_is_refused():
     assert asked(method="POST", host="localhost:8011") == 411
 
 
+@pytest.fixture
+def bench(tmp_path, monkeypatch):
+    """The shared state on the demo, with processes that take tasks and never start."""
+    from pneuid.workbench.jobs import Job, Worker
+    from pneuid.workbench.state import Workbench
+    from pneuid.workbench.worker import Task
+
+    def submit(self, title, module, name, arguments, live=(), then=None, otherwise=None, first=False):
+        return Job(title, Task(0, module, name, arguments, live), then, otherwise)
+
+    monkeypatch.setattr(Worker, "submit", submit)
+    return Workbench(demo_project(tmp_path / "demo"))
+
+
+def test_two_gigabytes_in_the_folder_are_not_read(bench):
+    with (bench.project.folder / "large.csv").open("wb") as stream:
+        stream.truncate(2 * 2**30)
+    bench.look()
+    assert bench.faults == {
+        "large.csv": "large.csv: 2.0 GB is more than the 1 GB a run may have; cut it into several runs"
+    }
+    with pytest.raises(UserError, match=r"large\.csv: 2\.0 GB .*; mend it, or give it the role 'not used'"):
+        bench.fit()
+    bench.project.set_role("large.csv", "unused")
+    bench.look()
+    bench.fit()
+    assert bench.job.title == "fit"
+
+
+def test_a_second_job_is_refused_while_one_runs(bench):
+    bench.fit()
+    with pytest.raises(UserError, match=r"a job is running already \(fit\); wait for it or cancel it"):
+        bench.diagnose()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--max-upload", "4096"], "--max-upload 4096: must lie between 0 and 1024 MB"),
+        (["--port", "70000"], "--port 70000: must lie between 1 and 65535"),
+    ],
+)
+def test_a_limit_that_is_none_is_refused(arguments, words, tmp_path):
+    from pneuid.workbench.__main__ import main
+
+    with pytest.raises(UserError, match=words):
+        main([str(tmp_path / "p"), *arguments])
+
+
+def test_a_result_is_there_whole_or_not_at_all(tmp_path):
+    from pneuid.workbench.computing import _result_folder
+
+    def interrupted():
+        with _result_folder(target) as part:
+            (part / "ladder.json").write_text("[]")
+            raise OSError("the disk is full")
+
+    target = tmp_path / "identify"
+    with pytest.raises(OSError, match="full"):
+        interrupted()
+    assert list(tmp_path.iterdir()) == []
+    with _result_folder(target) as part:
+        (part / "ladder.json").write_text("[]")
+    assert [path.name for path in tmp_path.rglob("*")] == ["identify", "ladder.json"]
+
+
 # --- the project ---
 
 

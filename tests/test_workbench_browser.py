@@ -13,7 +13,7 @@ import shutil
 import time
 
 import pytest
-from workbench_window import CSS, ENTER, TAG, WIDE, Site, Window, outside, short_demo
+from workbench_window import CSS, ENTER, NARROW, TAG, WIDE, Site, Window, outside, short_demo
 
 from pneuid.resources import scenario_path
 
@@ -81,6 +81,34 @@ def test_a_broken_file_is_refused_with_the_row(window, tmp_path):
     window.wait(lambda: not window.find("refused"), what="the message to go")
 
 
+def test_columns_of_other_names_are_mapped_with_the_file_in_view(window, tmp_path):
+    before = (window.site.folder / "rig.toml").read_text()
+    lines = (scenario_path("demo") / "train_2.csv").read_text().splitlines()[:400]
+    other = tmp_path / "other.csv"
+    other.write_text("\n".join([lines[0].replace("x [mm]", "weg [mm]"), *lines[1:]]))
+    window.upload(other)
+    window.wait(lambda: "other.csv" in window.text("runs"), what="the new run")
+    choose = "[...document.querySelectorAll('.run-row')].find(row => row.innerText.includes('other.csv')).click()"
+    window.driver.execute_script(choose)
+    window.wait(lambda: "column x is missing" in window.text("fault"), what="what is missing")
+    window.press("map")
+    window.wait(lambda: window.find("save-columns"), what="the head of the file")
+    assert "weg [mm]" in window.driver.find_element(CSS, ".q-dialog").text
+    window.quiet()
+    window.picture("columns", NARROW, "light")
+    assert window.misfits() == []
+    pick = window.driver.find_element(CSS, '[aria-label="column of x"]')
+    pick.click()
+    option = "[...document.querySelectorAll('.q-menu .q-item')].find(item => item.innerText.trim() === 'weg')"
+    window.wait(lambda: window.driver.execute_script(f"const o = {option}; if (o) o.click(); return !!o"), what="weg")
+    window.press("save-columns")
+    window.wait(lambda: 'x = {column = "weg"}' in (window.site.folder / "rig.toml").read_text(), what="the mapping")
+    window.wait(lambda: window.plotted("run-plot"), what="the run by its new names")
+    (window.site.folder / "other.csv").unlink()
+    (window.site.folder / "rig.toml").write_text(before)
+    window.wait(lambda: "other.csv" not in window.text("runs"), what="the run to go")
+
+
 @pytest.mark.slow
 def test_a_running_fit_is_cancelled_and_the_second_window_sees_it(site, window, tmp_path):
     second = Window(site, tmp_path / "second", WIDE)
@@ -128,6 +156,10 @@ def test_the_story(window):
     assert "friction_pressure" in window.text("verdict")
     window.wait(lambda: window.plotted("ranking"), what="the ranking")
     window.fits("missing")
+    window.driver.find_element(CSS, '[data-testid="how-friction_pressure"] .q-item').click()
+    window.wait(lambda: window.plotted("signature-friction_pressure"), 60, "the signature")
+    window.fits("signature")
+    window.driver.find_element(CSS, '[data-testid="how-friction_pressure"] .q-item').click()
 
     window.begin("add-friction_pressure", "fit with friction_pressure")
     window.wait(lambda: "fit with friction_pressure: done" in window.text("job"), PATIENCE, "the second fit")

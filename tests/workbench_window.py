@@ -213,7 +213,7 @@ class Window:
             return
         path = PICTURES / f"{'_'.join([view, *extra])}.png"
         shot = Image.open(io.BytesIO(self.driver.get_screenshot_as_png())).convert("RGB")
-        shot.quantize(192, dither=Image.Dither.NONE).save(path, optimize=True)
+        shot.save(path, optimize=True)
         assert path.stat().st_size < LARGEST_PICTURE or extra
 
     def logs(self) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 
 from pneuid.criticism.frames import notebook_html
+from pneuid.estimation.curves import Curve
 
 
 @dataclass(frozen=True)
@@ -30,13 +31,28 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Unknown:
-    """The rest that the catalogue does not explain: in which equation, on which signals it depends, how large."""
+    """The rest that the catalogue does not explain: in which equation, on which signals it depends, how large.
+
+    Where a smooth function explains it: ``effect`` is what to add for it, ``curve`` its shape with a band and
+    ``excess_explained`` the share of the held-out excess that it removes; ``formula`` is the shape in words of mathematics,
+    ``formula_effect`` what to add for that, ``formula_error`` its rms distance over the rms of the shape.
+    """
 
     equation: str
     depends_on: tuple[str, ...]
     rms: float
     unit: str
     formula: str | None = None
+    effect: str | None = None
+    formula_effect: str | None = None
+    formula_error: float | None = None
+    excess_explained: float | None = None
+    curve: Curve | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in diagnosis.json."""
+        curve = None if self.curve is None else self.curve.to_dict()
+        return {**vars(self), "depends_on": list(self.depends_on), "curve": curve}
 
 
 @dataclass(frozen=True)
@@ -53,7 +69,7 @@ class Diagnosis:
     def to_dict(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
         ranking = [{**vars(item), "indistinguishable_from": list(item.indistinguishable_from)} for item in self.ranking]
-        unknown = None if self.unknown is None else {**vars(self.unknown), "depends_on": list(self.unknown.depends_on)}
+        unknown = None if self.unknown is None else self.unknown.to_dict()
         return {
             "schema": 1, "verdict": self.verdict, "effects": list(self.effects), "ranking": ranking, "unknown": unknown,
             "next_experiment": self.next_experiment, "sentences": list(self.sentences),

@@ -15,14 +15,12 @@ from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from pneuid.effect import Effect, Parameter, Scope
 from pneuid.effects._spline import LEAST_FRICTION, Term, columns
 from pneuid.estimation.fit import Fit
-from pneuid.estimation.shooting import THREADS, Evaluation, Shooting
-from pneuid.estimation.solver import relaxed_system
+from pneuid.estimation.shooting import THREADS, Shooting
 from pneuid.physics.friction import Coefficients, FrictionLaw
 from pneuid.physics.smoothing import COARSE, FINE, Expression
 from pneuid.plant import Plant
@@ -34,8 +32,15 @@ BENCH_PROBES = ("force", "level")
 
 _SIZES = {"opening": 0.02, "gain": 0.02, "sensor_x": 1e-4, "sensor_p1": 1e3, "sensor_p2": 1e3}
 
+RIDGE = 10.0
+"""Spread of the amplitudes' weak prior, in units of their typical size."""
+
+LARGEST_DAMPING = 5.0
+SHARES = (1.0, 0.4, 0.15, 0.05)
+"""Shares of a Newton step that are tried one after the other: steps across the kinks of stick-slip have to be shortened."""
+
 ITERATIONS = 25
-SETTLED = 1e-4
+SETTLED = 5e-4
 """Relative fall of the cost by which the joint fit ends."""
 
 
@@ -123,22 +128,12 @@ class Probed(Shooting):
         if value.size:
             # what holds with equality is not left to this unconstrained search
             self.fixed |= np.any(np.abs(slope[value < 1e-3]) > 1e-6, axis=0)
-        base = np.concatenate([np.flatnonzero(~self.fixed), np.arange(self.nq, self.size)])
-        self.base = base.astype(int)
-        self._seen: tuple[bytes, Evaluation] | None = None
 
     def theta_of(self, changed: Mapping[str, float], plant: Plant | None = None) -> np.ndarray:
         """As in ``Shooting``, with every interval's own values of the probes."""
         found = super().theta_of(changed, plant)
         found[self._rows] = self.added
         return found
-
-    def evaluate(self, X: np.ndarray) -> Evaluation:
-        """As in ``Shooting``; the last point is kept."""
-        key = X.tobytes() + self.added.tobytes()
-        if self._seen is None or self._seen[0] != key:
-            self._seen = key, super().evaluate(X)
-        return self._seen[1]
 
     def cost(self, X: np.ndarray) -> float:
         """Relaxed cost: half the sum of squares of residuals, defects and priors."""
@@ -176,15 +171,22 @@ def weights(term: Term, scope: Scope) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _System:
-    """The Gauss-Newton model in base variables and amplitudes at one point."""
+class _Blocks:
+    """The Gauss-Newton model at one point, nodes eliminated by a banded Cholesky factor.
 
-    solver: object
-    solved: np.ndarray
-    cross: np.ndarray
-    back: np.ndarray
-    schur: np.ndarray
+    band : factor of the nodes' Hessian; blocks ``(nint, width, width)`` and slope ``(nint, width)`` of every interval, defects
+    included; following : coupling of an interval to the next node ``(nint, ns, width)``; node_slope ``(nint ns,)``.
+    """
+
+    band: np.ndarray
+    blocks: np.ndarray
     slope: np.ndarray
+    following: np.ndarray
+    node_slope: np.ndarray
+
+
+Pair = tuple[Term, np.ndarray]
+"""A term and its weights ``(nint, k)``."""
 
 
 class Probing:
@@ -194,99 +196,134 @@ class Probing:
         self.problem = Probed(fit)
         self.scope = self.problem.scope(self.problem.point)
         self.start_cost = self.problem.cost(self.problem.point)
+        self._start = self._blocks(self.problem.point, 0.0)
 
-    def screened(self, term: Term) -> float:
-        """Predicted drop of the relaxed cost by a term."""
-        system = self._system(self.problem.point, [(term, weights(term, self.scope))], [None], 0.0)
-        return float(0.5 * system.slope @ np.linalg.solve(system.schur, system.slope))
+    def screened(self, *terms: Term) -> float:
+        """Predicted drop of the relaxed cost by terms: that of one Newton step in amplitudes, parameters and nodes."""
+        pairs = [(term, weights(term, self.scope)) for term in terms]
+        matrix, slope, _ = self._reduced(self._start, pairs, [np.zeros(term.knots) for term in terms], 0.0)
+        base = int((~self.problem.fixed).sum())
+        both = slope @ np.linalg.solve(matrix, slope)
+        return float(0.5 * (both - slope[:base] @ np.linalg.solve(matrix[:base, :base], slope[:base])))
 
     def fitted(self, terms: Sequence[Term]) -> Joint:
         """Joint fit of the terms, the base parameters and the nodes, from the relaxed solution."""
         problem = self.problem
         pairs = [(term, weights(term, self.scope)) for term in terms]
-        sizes = np.concatenate([np.full(W.shape[1], self._size(term)) for term, W in pairs])
-        X, c = problem.point.copy(), np.zeros(sizes.size)
-        cost, damping = self._cost(X, c, pairs), 0.0
+        free, sizes = np.flatnonzero(~problem.fixed), np.concatenate([np.full(W.shape[1], self._size(t)) for t, W in pairs])
+        X, c, damping = problem.point.copy(), np.zeros(sizes.size), 0.0
+        cost, at = self._cost(X, c, pairs), self._start
         for _ in range(ITERATIONS):
-            system = self._system(X, pairs, self._parts(c, pairs), damping)
-            dc = -np.linalg.solve(system.schur, system.slope)
-            db = -(system.solved + system.back @ dc)
-            step, better = 1.0, False
-            for _ in range(4):
-                trial = X.copy()
-                trial[problem.base] += step * db
-                q = trial[: problem.nbase]
-                trial[: problem.nbase] = np.clip(q, problem.scaling.lower[: problem.nbase], problem.scaling.upper[: problem.nbase])
-                found = self._cost(trial, c + step * dc * sizes, pairs)
-                if np.isfinite(found) and found < cost:
-                    better = True
+            matrix, slope, to_nodes = self._reduced(at, pairs, _parts(c, pairs), damping)
+            dense = -np.linalg.solve(matrix, slope)
+            nodes = -cho_solve_banded((at.band, True), at.node_slope + to_nodes @ dense)
+            for share in SHARES:
+                trial, c_trial = X.copy(), c + share * dense[free.size :] * sizes
+                moved = X[free] + share * dense[: free.size]
+                trial[free] = np.clip(moved, problem.scaling.lower[free], problem.scaling.upper[free])
+                trial[problem.nq :] += share * nodes
+                found = self._cost(trial, c_trial, pairs)
+                if found < cost:
                     break
-                step *= 0.3
-            if not better:
-                if damping > 10.0:
+            if found < cost:
+                gain, X, c, cost = cost - found, trial, c_trial, found
+                damping = 0.2 * damping if share == 1.0 and damping > 0.01 else damping if share < 1.0 else 0.0
+                if gain < SETTLED * cost and share > 0.5:
                     break
-                damping = max(10.0 * damping, 0.01)
-                continue
-            gain, X, c, cost = cost - found, trial, c + step * dc * sizes, found
-            damping = 0.0 if step == 1.0 and damping < 0.02 else damping * 0.2
-            if gain < SETTLED * cost:
-                break
-        system = self._system(X, pairs, self._parts(c, pairs), 0.0)
+            else:
+                damping = max(5.0 * damping, 0.02)
+                if damping > LARGEST_DAMPING:
+                    break
+                self._cost(X, c, pairs)
+            at = self._blocks(X, damping)
+        self._cost(X, c, pairs)
+        matrix, _, _ = self._reduced(self._blocks(X, 0.0), pairs, _parts(c, pairs), 0.0)
+        covariance = np.linalg.inv(matrix)[free.size :, free.size :] * np.outer(sizes, sizes)
         values = problem.scaling.to_values(X[: problem.nq])[: problem.nbase]
-        self._cost(problem.point, 0.0 * c, pairs)  # the problem is left as it was found
-        return Joint(
-            tuple(terms), tuple(self._parts(c, pairs)), dict(zip(problem.free[: problem.nbase], map(float, values), strict=True)),
-            cost, np.linalg.inv(system.schur) * np.outer(sizes, sizes),
-        )  # fmt: skip
+        problem.added = np.zeros_like(problem.added)
+        named = {name: float(value) for name, value in zip(problem.free[: problem.nbase], values, strict=True)}
+        return Joint(tuple(terms), tuple(_parts(c, pairs)), named, cost, covariance)
 
     def _size(self, term: Term) -> float:
         return probe_size(probe_of(term), self.problem.plant.rig)
 
-    def _parts(self, c: np.ndarray, pairs: Sequence[tuple[Term, np.ndarray]]) -> list[np.ndarray]:
-        ends = np.cumsum([W.shape[1] for _, W in pairs])[:-1]
-        return list(np.split(c, ends))
-
-    def _cost(self, X: np.ndarray, c: np.ndarray, pairs: Sequence[tuple[Term, np.ndarray]]) -> float:
+    def _cost(self, X: np.ndarray, c: np.ndarray, pairs: Sequence[Pair]) -> float:
+        """Cost at a point and amplitudes (SI), which the problem keeps."""
         problem = self.problem
         problem.added = np.zeros_like(problem.added)
         ridge = 0.0
-        for (term, W), part in zip(pairs, self._parts(c, pairs), strict=True):
+        for (term, W), part in zip(pairs, _parts(c, pairs), strict=True):
             problem.added[problem.probes.index(f"probe_{probe_of(term)}")] += W @ part
-            ridge += 0.5 * float(np.sum((part / (10.0 * self._size(term))) ** 2))
-        with np.errstate(over="ignore", invalid="ignore"):
+            ridge += 0.5 * float(np.sum((part / (RIDGE * self._size(term))) ** 2))
+        with np.errstate(over="ignore", invalid="ignore"):  # a trial point may lie anywhere
             return problem.cost(X) + ridge
 
-    def _system(
-        self, X: np.ndarray, pairs: Sequence[tuple[Term, np.ndarray]], parts: Sequence[np.ndarray | None], damping: float
-    ) -> _System:
+    def _blocks(self, X: np.ndarray, damping: float) -> _Blocks:
         problem = self.problem
         at = problem.evaluate(X)
-        gradient, hessian = relaxed_system(problem, X)
-        H = hessian[problem.base][:, problem.base]
-        solver = splu((H + sp.diags((1e-9 + damping) * H.diagonal() + 1e-12)).tocsc())
         n, w, nq, ns = problem.nint, 1.0 / problem.relaxation, problem.nq, problem.ns
-        linked = np.zeros(n)
-        linked[problem.linked] = w
-        S = at.sensitivity * linked[:, None, None]
-        defect = np.zeros((n, ns))
-        defect[problem.linked] = problem.defects(at.end, X) * w
+        linked, after = problem.linked, problem.linked + 1
+        S, defect = np.zeros_like(at.sensitivity), np.zeros((n, ns))
+        S[linked], defect[linked] = w * at.sensitivity[linked], w * problem.defects(at.end, X)
         blocks = at.gram[:, :-1, :-1] + S.transpose(0, 2, 1) @ S
         slope = at.gram[:, :-1, -1] + np.einsum("iks,ik->is", S, defect)
-        place = [problem.nbase + problem.probes.index(f"probe_{probe_of(term)}") for term, _ in pairs]
-        cross, slopes = [], []
-        for (term, W), a, part in zip(pairs, place, parts, strict=True):
-            to_nodes = blocks[:, nq:, a][:, :, None] * W[:, None, :]
-            to_nodes[problem.linked + 1] -= (w * S[problem.linked, :, a])[:, :, None] * W[problem.linked][:, None, :]
-            to_q = blocks[:, :nq, a].T @ W
-            full = np.vstack([to_q, to_nodes.reshape(n * ns, -1)])
-            cross.append(full[problem.base])
-            prior = 0.0 if part is None else part / (100.0 * self._size(term))
-            slopes.append(W.T @ slope[:, a] + prior)
-        C, g = np.hstack(cross), np.concatenate(slopes)
-        M = np.block([[W.T @ (blocks[:, a, b][:, None] * V) for (_, V), b in zip(pairs, place, strict=True)]
-                      for (_, W), a in zip(pairs, place, strict=True)])  # fmt: skip
-        M[np.diag_indices_from(M)] *= 1.0 + damping
-        M[np.diag_indices_from(M)] += 0.01
-        back, solved = solver.solve(C), solver.solve(gradient[problem.base])
-        schur = M - C.T @ back
-        return _System(solver, solved, C, back, 0.5 * (schur + schur.T), g - C.T @ solved)
+        index, _, inverse = problem.priors
+        prior = np.zeros(problem.size)
+        np.add.at(prior, index, inverse**2)
+        pull = np.zeros(problem.size)
+        np.add.at(pull, index, problem.prior_residual(X) * inverse)
+        own = blocks[:, nq:, nq:].copy()
+        own[after] += w**2 * np.eye(ns)
+        own[:, np.arange(ns), np.arange(ns)] += prior[nq:].reshape(n, ns)
+        own[:, np.arange(ns), np.arange(ns)] *= 1.0 + 1e-9 + damping
+        node_slope = slope[:, nq:] + pull[nq:].reshape(n, ns)
+        node_slope[after] -= w * defect[linked]
+        # rows of the next node: minus the interval's end, in units of the allowed spread
+        band = cholesky_banded(_banded(own, -w * S[:, :, nq:]), lower=True)
+        blocks[0, np.arange(nq), np.arange(nq)] += prior[:nq]
+        slope[0, :nq] += pull[:nq]
+        return _Blocks(band, blocks, slope, -w * S, node_slope.ravel())
+
+    def _reduced(
+        self, at: _Blocks, pairs: Sequence[Pair], parts: Sequence[np.ndarray], damping: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Matrix and slope in ``[free parameters, amplitudes]`` with the nodes eliminated, and their coupling to the nodes."""
+        problem = self.problem
+        n, ns, nq = problem.nint, problem.ns, problem.nq
+        free = np.flatnonzero(~problem.fixed)
+        columns = [(int(j), np.ones((n, 1))) for j in free]
+        columns += [(problem.nbase + problem.probes.index(f"probe_{probe_of(term)}"), W) for term, W in pairs]
+        coupling = []
+        for j, W in columns:
+            found = at.blocks[:, nq:, j][:, :, None] * W[:, None, :]
+            found[1:] += at.following[:-1, :, j][:, :, None] * W[:-1, None, :]
+            coupling.append(found.reshape(n * ns, -1))
+        to_nodes = np.hstack(coupling)
+        matrix = np.block([[W.T @ (at.blocks[:, i, j][:, None] * V) for j, V in columns] for i, W in columns])
+        slope = np.concatenate([W.T @ at.slope[:, j] for j, W in columns])
+        # the amplitudes' weak prior, in units of their sizes
+        amplitudes = np.arange(free.size, slope.size)
+        matrix[amplitudes, amplitudes] += RIDGE**-2
+        scaled = [part / (RIDGE**2 * self._size(term)) for (term, _), part in zip(pairs, parts, strict=True)]
+        slope[amplitudes] += np.concatenate(scaled)
+        matrix[np.diag_indices_from(matrix)] *= 1.0 + 1e-9 + damping
+        back = cho_solve_banded((at.band, True), np.column_stack([to_nodes, at.node_slope]))
+        matrix = matrix - to_nodes.T @ back[:, :-1]
+        return 0.5 * (matrix + matrix.T), slope - to_nodes.T @ back[:, -1], to_nodes
+
+
+def _parts(c: np.ndarray, pairs: Sequence[Pair]) -> list[np.ndarray]:
+    """Amplitudes of all terms, cut into those of each."""
+    return list(np.split(c, np.cumsum([W.shape[1] for _, W in pairs])[:-1]))
+
+
+def _banded(own: np.ndarray, to_next: np.ndarray) -> np.ndarray:
+    """Lower banded form of a symmetric block tridiagonal matrix: diagonal blocks ``(n, s, s)`` and those below them."""
+    n, s, _ = own.shape
+    band = np.zeros((2 * s, n * s))
+    for j in range(s):
+        for i in range(j, s):
+            band[i - j, j::s] = own[:, i, j]
+        for i in range(s):
+            band[s + i - j, j::s][: n - 1] = to_next[:-1, i, j]
+    return band

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pneuid.effect import Effect
+from pneuid.effects._by_name import unknown_by_name
 from pneuid.effects._laws import LawDahl, LawLugre, LawStribeck
-from pneuid.effects._spline import PREFIX as SPLINE_PREFIX
-from pneuid.effects._spline import spline_by_name
 from pneuid.effects.backlash import Backlash
 from pneuid.effects.channel_skew import ChannelSkew
 from pneuid.effects.dead_volume import DeadVolume
@@ -108,18 +107,18 @@ def group_of(effect: Effect) -> str:
 
 
 def effects_by_name(names: Sequence[str], own: Sequence[Effect] = ()) -> tuple[Effect, ...]:
-    """The named effects, each once: the catalogue's in its order, the user's ``own``, then splines in the order given.
+    """The named effects, each once: the catalogue's in its order, the user's ``own``, then ``spline:...`` and ``formula:...`` as given.
 
-    Raises ``UserError`` for a name that is in neither and says no spline.
+    Raises ``UserError`` for a name that is in neither and says no function.
     """
     users = {effect.name: effect for effect in own}
-    splines: dict[str, Effect] = {}
+    unknowns: dict[str, Effect] = {}
     for name in names:
-        if name.startswith(SPLINE_PREFIX):
-            found = spline_by_name(name)
-            splines[found.name] = found
+        unknown = unknown_by_name(name)
+        if unknown is not None:
+            unknowns[unknown.name] = unknown
         elif name not in CATALOGUE and name not in users:
             near = nearest(name, [*CATALOGUE, *users])
             raise UserError(f"effect '{name}' is not in the catalogue{near or ';'} it holds {', '.join([*CATALOGUE, *users])}")
     chosen = [effect for effect in _ORDER if effect.name in names]
-    return (*chosen, *(effect for effect in own if effect.name in names), *splines.values())
+    return (*chosen, *(effect for effect in own if effect.name in names), *unknowns.values())

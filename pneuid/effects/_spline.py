@@ -6,6 +6,7 @@ parameters. Forms of the name:
 - ``spline:force(x)``: f(x) is added to the forces on the moving mass;
 - ``spline:force(x*sign(v))``, ``spline:force(x*v)``: f(x) times the direction or times the speed over 0.1 m/s;
 - ``spline:flow_1(psup*u)``: f(psup) times the signed relative opening of the valve;
+- ``spline:flow_1(x*dp)``: f(x) times the difference of the chambers' pressures over 1 bar, such as a leak at a place;
 - ``spline:force(x,40)``: 40 splines over the range of the data in place of 10.
 """
 
@@ -43,6 +44,9 @@ DIRECTION_WIDTH = 1e-3
 REFERENCE_SPEED = 0.1
 """Speed in m/s at which a factor ``v`` is 1."""
 
+REFERENCE_PRESSURE = 1e5
+"""Difference of pressures in Pa at which a factor ``dp`` is 1."""
+
 SUPPLY_RANGE = 1e6
 """Range in Pa above ambient over which the knots for the supply pressure lie."""
 
@@ -50,7 +54,7 @@ LEAST_FRICTION = 0.05
 """Share of the friction level that is left at least."""
 
 SIGNALS_OF: dict[str, tuple[str, ...]] = {
-    "valve": ("u", "x", "p1", "p2"),
+    "valve": ("u", "x", "p1", "p2", "psup"),
     "flow_1": ("p1", "p2", "dp", "x", "v", "u", "psup"),
     "flow_2": ("p2", "p1", "dp", "x", "v", "u", "psup"),
     "pressure_1": ("p1", "p2", "dp", "x", "v", "u", "psup"),
@@ -64,11 +68,11 @@ SIGNALS_OF: dict[str, tuple[str, ...]] = {
 }
 """Signals that are known where each equation is evaluated; ``dp`` is ``p1 - p2``."""
 
-FACTORS = {"sign(v)": "v", "v": "v", "u": "u"}
+FACTORS = {"sign(v)": "v", "v": "v", "u": "u", "dp": "dp"}
 """What f may be multiplied by, and the signal in it."""
 
 _NAME = re.compile(
-    r"spline:(?P<equation>[a-z]+(?:_[A-Za-z0-9]+)?)\((?P<signal>[a-z0-9]+)(?:\*(?P<factor>sign\(v\)|v|u))?(?:,(?P<knots>\d+))?\)"
+    r"spline:(?P<equation>[a-z]+(?:_[A-Za-z0-9]+)?)\((?P<signal>[a-z0-9]+)(?:\*(?P<factor>sign\(v\)|v|u|dp))?(?:,(?P<knots>\d+))?\)"
 )
 _SOURCE = "de Boor, A Practical Guide to Splines (Springer 1978), chapter IX"
 _BENCH_ONLY, _SERVO_SIGNALS = ("sensor_F",), ("u", "psup")
@@ -94,14 +98,15 @@ class Term:
     @property
     def depends_on(self) -> tuple[str, ...]:
         """The signals that it depends on, by the contract's names."""
-        first = ("p1", "p2") if self.signal == "dp" else (self.signal,)
-        return (*first, FACTORS[self.factor]) if self.factor else first
+        both = {"dp": ("p1", "p2")}
+        first, factor = both.get(self.signal, (self.signal,)), FACTORS.get(self.factor, "")
+        return (*first, *(both.get(factor, (factor,)) if factor else ()))
 
     @property
     def anchored(self) -> bool:
         """Whether f is zero in the middle of its range, because a constant is a parameter of the base model already."""
         relative = self.equation == "valve" and self.signal != "u"
-        return bool(self.factor) or self.equation in ("friction", "sensor_x") or relative
+        return self.factor not in ("", "dp") or self.equation in ("friction", "sensor_x") or relative
 
     @property
     def unit(self) -> str:
@@ -165,6 +170,8 @@ def factor_value(factor: str, scope: Scope) -> Any:
         return scope.v / (scope.v * scope.v + DIRECTION_WIDTH**2) ** 0.5
     if factor == "v":
         return scope.v / REFERENCE_SPEED
+    if factor == "dp":
+        return (scope.p1 - scope.p2) / REFERENCE_PRESSURE
     return scope.opening if factor == "u" else 1.0
 
 
@@ -206,10 +213,6 @@ class UnknownTerm(Effect):
         """What is added, in the equation's unit."""
         raise NotImplementedError(self.name)
 
-    def __reduce__(self) -> str | tuple[Any, ...]:
-        """Another process makes the same object from the same name."""
-        return spline_by_name, (self.name,)
-
 
 class Spline(UnknownTerm):
     """``f(signal)``, the sum of amplitudes times cubic B-splines over the range of the data; constant beyond it."""
@@ -219,6 +222,10 @@ class Spline(UnknownTerm):
         """Names of the amplitudes, along the signal's range."""
         stem = re.sub(r"[^A-Za-z0-9]+", "_", self.name).strip("_")
         return tuple(f"{stem}_{j}" for j in range(1, self.term.knots + 1))
+
+    def __reduce__(self) -> str | tuple[Any, ...]:
+        """Another process makes the same object from the same name."""
+        return spline_by_name, (self.name,)
 
     def value(self, scope: Scope) -> Expression:
         """The function at the scope's signals."""
@@ -322,11 +329,6 @@ def spline_by_name(name: str) -> Spline:
     if not FEWEST <= knots <= MOST:
         raise UserError(f"effect '{name}': {knots} splines; choose {FEWEST} to {MOST}")
     return spline(Term(equation, signal, factor, knots))
-
-
-def canonical(name: str) -> str:
-    """The one way to write the name of a spline; other names as they are. Raises ``UserError`` as ``spline_by_name``."""
-    return spline_by_name(name).name if name.startswith(PREFIX) else name
 
 
 def curve(term: Term, amplitudes: Sequence[float], ranges: Mapping[str, float], signal: Any) -> Any:

@@ -55,6 +55,7 @@ class Fit:
     loose_cost: float
     problem: Shooting
     exact: Outcome | None
+    exact_problem: Shooting | None
     spread: Uncertainty | None
     verdicts: dict[str, str]
     notes: tuple[str, ...]
@@ -157,7 +158,7 @@ def _relaxed_fit(
         problem = Shooting(plant, runs, free, values, ranges, substeps, every)
         problem.set_smoothing(COARSE)
         soft = relaxed_stage(problem, problem.join(_inside(problem, values), nodes), monitor)
-        values, nodes = _values(problem, soft.outcome.X), problem.split(soft.outcome.X)[1]
+        values, nodes = values_at(problem, soft.outcome.X), problem.split(soft.outcome.X)[1]
         needed = _substeps(plant, values, ranges, dt)
         if needed <= substeps or soft.outcome.status == INTERRUPTED:
             return problem, soft
@@ -177,16 +178,17 @@ def _result(problem: Shooting, noise: dict[str, float], soft: Relaxed, hard: Exa
             spread = replace(spread, std=spread.std * np.sqrt(misfit))
         words = dict(zip(problem.free, verdicts(hard.problem, final.X, spread), strict=True))
     return Fit(
-        plant=problem.plant, runs=problem.runs, values=_values(solved, final.X), ranges=problem.ranges,
+        plant=problem.plant, runs=problem.runs, values=values_at(solved, final.X), ranges=problem.ranges,
         noise=noise, substeps=solved.substeps, stage="exact" if hard else "relaxed", converged=final.success,
         status=_words(final if hard else None, soft.level, problem.relaxation, misfit), cost_per_sample=misfit,
         defect_level=soft.level, iterations=soft.outcome.iterations + (final.iterations if hard else 0), seconds=seconds,
         relaxed=soft.outcome, loose_cost=soft.loose_cost, problem=problem, exact=final if hard else None,
-        spread=spread, verdicts=words, notes=tuple(note for run in problem.runs for note in run.notes),
+        exact_problem=solved if hard else None, spread=spread, verdicts=words,
+        notes=tuple(note for run in problem.runs for note in run.notes),
     )  # fmt: skip
 
 
-def _values(problem: Shooting, X: np.ndarray) -> dict[str, float]:
+def values_at(problem: Shooting, X: np.ndarray) -> dict[str, float]:
     """Parameters at ``X``, SI."""
     found = problem.scaling.to_values(X[: problem.nq])
     return {name: float(value) for name, value in zip(problem.free, found, strict=True)}

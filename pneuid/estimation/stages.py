@@ -86,15 +86,26 @@ def exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Ex
     wanted = _accurate_substeps(fine, path.X, spread)
     if wanted > fine.substeps:
         fine = _like(fine, path.X, wanted)
-    hard = solve_exact(fine, path.X, monitor)
+    hard = polished(fine, path.X, path.cost * 1.02, monitor)
+    return Exact(hard, fine, uncertainty(fine, hard.X))
+
+
+def polished(problem: Shooting, X: np.ndarray, limit: float, monitor: Monitor | None) -> Outcome:
+    """The exact solution near a nearly continuous path ``X``, whose cost should stay below ``limit``.
+
+    Raises ``KeyboardInterrupt`` where it is stopped.
+    """
+    hard = solve_exact(problem, X, monitor)
     if hard.status == INTERRUPTED:
         raise KeyboardInterrupt
-    if not (hard.success and hard.cost <= path.cost * 1.02):
-        # the path is continuous already; what is left is the change of the step
-        walked = Chained(fine)
-        again = solve_chained(walked, walked.from_base(path.X), monitor)
-        hard = replace(again, X=walked.to_base(again.X), success=np.isfinite(again.cost))
-    return Exact(hard, fine, uncertainty(fine, hard.X))
+    if hard.success and hard.cost <= limit:
+        return hard
+    # what is left to move is the change of the step or of a pinned parameter, which a simulated path takes up
+    walked = Chained(problem)
+    again = solve_chained(walked, walked.from_base(X), monitor)
+    if again.status == INTERRUPTED:
+        raise KeyboardInterrupt
+    return replace(again, X=walked.to_base(again.X), success=bool(np.isfinite(again.cost)))
 
 
 def _like(problem: Shooting, X: np.ndarray, substeps: int) -> Shooting:

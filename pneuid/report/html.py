@@ -7,6 +7,7 @@ addresses: nothing is fetched, identifiers of two pictures cannot meet, and a br
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -69,8 +70,18 @@ class Section:
 
 
 def write_report(path: str | Path, title: str, sections: Sequence[Section]) -> None:
-    """Write the report, whole or not at all."""
+    """Write the report, whole or not at all, and its pictures as files of their own into ``figures`` beside it."""
     target = Path(path)
+    folder = target.parent / "figures"
+    folder.mkdir(exist_ok=True)
+    for old in folder.glob("[0-9][0-9]_*.svg"):
+        old.unlink()
+    number = 0
+    for section in sections:
+        for picture in (part for part in section.parts if isinstance(part, Picture)):
+            number += 1
+            words = re.sub(r"[^a-z0-9]+", "_", picture.alt.lower()).strip("_")
+            (folder / f"{number:02d}_{words[:48].rstrip('_')}.svg").write_bytes(svg(picture.figure))
     part = target.with_name(target.name + ".part")
     # a file name need not be valid text
     part.write_text(page(title, sections), encoding="utf-8", errors="replace")

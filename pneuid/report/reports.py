@@ -8,12 +8,18 @@ from pathlib import Path
 from pneuid.criticism.comparison import Comparison
 from pneuid.criticism.diagnosis import Diagnosis
 from pneuid.criticism.ladder import Rung
+from pneuid.estimation.profile import Profile
 from pneuid.report import sections
 from pneuid.report.html import Section, write_report
+from pneuid.report.trust_sections import friction_section, trust_section
 
 
 def identify_report(
-    path: str | Path, comparison: Comparison, ladder_rungs: Sequence[Rung], diagnosis: Diagnosis | None = None
+    path: str | Path,
+    comparison: Comparison,
+    ladder_rungs: Sequence[Rung],
+    diagnosis: Diagnosis | None = None,
+    profiles: Sequence[Profile] = (),
 ) -> None:
     """Write the report of an identification: what was fitted, how good it is, where it fails, how it was reached."""
     parts = [sections.summary(comparison)]
@@ -21,7 +27,7 @@ def identify_report(
         parts.append(sections.ladder_section(ladder_rungs))
     if diagnosis is not None:
         parts += [sections.diagnosis_verdict(diagnosis), sections.ranking_section(diagnosis)]
-    parts += [sections.parameters(comparison.model), *_evidence(comparison)]
+    parts += [sections.parameters(comparison.model), trust_section(comparison, profiles), *_evidence(comparison)]
     write_report(path, f"Identification of {comparison.model.name}", parts)
 
 
@@ -46,9 +52,11 @@ def diagnose_report(path: str | Path, comparison: Comparison, diagnosis: Diagnos
 
 
 def _evidence(comparison: Comparison) -> list[Section]:
+    friction = friction_section(comparison)
     return [
         sections.errors(comparison),
         sections.where_it_fails(comparison),
         sections.overlays(comparison),
+        *([friction] if friction else []),
         sections.data_section(comparison),
     ]

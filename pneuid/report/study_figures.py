@@ -21,6 +21,12 @@ from pneuid.report.style import new_figure, styled, ticks
 EQUAL = 30.0e3
 """Pressures closer than this count as equal, Pa."""
 
+SLOW_PART = 6.0e-3
+"""Speed up to which the falling part of the curves is enlarged, m/s."""
+
+LOG_RANGE = 10.0
+"""Ratio of speeds from which they are drawn on a logarithmic axis."""
+
 UNITS = {"Fc": "N", "Fs": "N", "vs": "m/s", "sigma2": "N*s/m"}
 SYMBOLS = {"Fc": "Fc", "Fs": "Fs", "vs": "vₛ", "sigma2": "σ₂"}
 MARKERS = "osD^v<>Ph"
@@ -90,13 +96,18 @@ def study_figures(result: StudyResult) -> list[StudyFigure]:
             lambda: loops(result, [lowest], drive=True))  # fmt: skip
     add(4, "friction_velocity_ps", f"friction over speed, {what}",
         lambda: curves(result, level))  # fmt: skip
+    seen = {*study.laws, *result.joint}
     for number, target in ((5, "Fc"), (6, "sigma2"), (7, "vs"), (8, "Fs")):
+        if target not in seen:
+            continue
         add(number, f"{target}_ps", f"{SYMBOLS[target]} over working pressure, {what}",
             lambda target=target: coefficient(result, level, target, "ps"))  # type: ignore[misc]  # fmt: skip
     if len(swept) > 1:
         add(9, "friction_velocity_dp", "friction over speed under pressure difference",
             lambda: curves(result, swept))  # fmt: skip
         for number, target in ((10, "Fc"), (11, "sigma2"), (12, "vs"), (13, "Fs")):
+            if target not in seen:
+                continue
             add(number, f"{target}_dp", f"{SYMBOLS[target]} over pressure difference, p₁ held",
                 lambda target=target: coefficient(result, swept, target, "dp"))  # type: ignore[misc]  # fmt: skip
     if first:
@@ -140,35 +151,45 @@ def _words(item: Condition, patm: float) -> str:
 def curves(result: StudyResult, chosen: Sequence[Condition]) -> Figure:
     """Points with scatter and the curve of eq. 8 of every pressure pair; enlarged at slow speed, extending alone."""
     patm = result.study.rig.patm
+    speeds = [point.v for item in chosen for point in item.points]
+    top = max(abs(v) for v in speeds)
+    slow = any(0.0 < v <= SLOW_PART for v in speeds) and top > SLOW_PART
     figure = new_figure(4.4)
-    wide, near = figure.subplots(1, 2, width_ratios=[1.25, 1.0])
-    top = max(abs(point.v) for item in chosen for point in item.points)
-    slow = min(6e-3, top)
+    panels = list(figure.subplots(1, 2, width_ratios=[1.25, 1.0])) if slow else [figure.subplots()]
     for item, color, mark in zip(chosen, _colors(len(chosen)), _cycled(len(chosen)), strict=True):
-        for axes, reach in ((wide, top), (near, slow)):
-            speeds = reach * np.linspace(1e-3, 1.0, 400)
-            both = np.concatenate([-speeds[::-1], [0.0], speeds]) if axes is wide else speeds
-            line = item.steady(both)
-            if axes is wide:
-                line[both.size // 2] = np.nan
-            axes.plot(1e3 * both, line, color=color, lw=1.2, ls="-" if item.Fs is not None else "--")
-            inside = [p for p in item.points if abs(p.v) <= reach * 1.001 and (axes is wide or p.v > 0)]
-            offset = 0.0 if item.offset is None else item.offset.value
-            axes.errorbar(
-                [1e3 * p.v for p in inside], [p.force - offset for p in inside], [p.scatter for p in inside], fmt=mark, ms=3.8,
-                color=color, mfc="white", lw=0.8, label=_words(item, patm) if axes is wide else None,
-            )  # fmt: skip
-    near.set_title("slow, extending", loc="right")
-    for axes in (wide, near):
+        words = _words(item, patm)
+        _one_curve(panels[0], item, (color, mark, words), -top, top)
+        if slow:
+            _one_curve(panels[1], item, (color, mark, None), 0.0, SLOW_PART)
+    for axes in panels:
         axes.set_xlabel("speed v (mm/s)")
-        axes.xaxis.set_major_locator(ticks(6))
         axes.set_ylabel("friction (N)")
-    near.set_ylim(bottom=min(0.0, near.get_ylim()[0]))
+        axes.xaxis.set_major_locator(ticks(6))
+    if slow:
+        panels[1].set_title("slow, extending", loc="right")
+        panels[1].set_ylim(bottom=min(0.0, panels[1].get_ylim()[0]))
     meaning = "pressures gauge; marks: mean over a stroke ± standard deviation of its samples; line: eq. 5 fitted"
     if any(item.Fs is None for item in chosen):
         meaning += "\n(dashed: Fs and vs not seen by the classic route, the line is Fc + σ₂ v)"
-    figure.legend(loc="outside lower center", ncols=min(4, len(chosen)), title=meaning)
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=min(4, len(chosen)), title=meaning
+    )
     return figure
+
+
+def _one_curve(axes: Axes, item: Condition, look: tuple[str, str, str | None], low: float, high: float) -> None:
+    """One pressure pair from speed ``low`` to ``high`` (m/s); ``look`` : colour, mark and label."""
+    color, mark, label = look
+    for first, last in ((low, -1e-3 * high), (1e-3 * high, high)):
+        if first < last:  # apart at zero, where friction jumps
+            v = np.linspace(first, last, 400)
+            axes.plot(1e3 * v, item.steady(v), color=color, lw=1.2, ls="-" if item.Fs is not None else "--")
+    offset = 0.0 if item.offset is None else item.offset.value
+    inside = [p for p in item.points if 1.001 * low <= p.v <= 1.001 * high]
+    axes.errorbar(
+        [1e3 * p.v for p in inside], [p.force - offset for p in inside], [p.scatter for p in inside], fmt=mark, ms=3.8,
+        color=color, mfc="white", lw=0.8, label=label,
+    )  # fmt: skip
 
 
 def _cycled(count: int) -> str:
@@ -274,8 +295,11 @@ def verification(result: StudyResult) -> Figure:
             left = np.sign(v) * force - steady(values, np.abs(v), ps, dp)
             below.plot(1e3 * np.abs(v), left, mark, ms=4.5, color=color, mfc="white" if dash == "-" else color)
     below.axhline(0.0, color="#555555", lw=0.7)
-    below.set_xscale("log")
-    style.plain_log(below.xaxis)
+    speeds = [abs(p.v) for item in study.held_out for p in item.points]
+    if max(speeds) > LOG_RANGE * min(speeds):
+        below.set_xscale("log")
+        style.plain_log(below.xaxis)
+    above.set_ylim(bottom=0.0)
     below.set_xlabel("speed |v| (mm/s)")
     below.set_ylabel("measured − curve (N)")
     above.set_ylabel("friction (N)")

@@ -130,6 +130,27 @@ def law_words(result: StudyResult) -> list[str]:
     return lines
 
 
+def joint_words(result: StudyResult) -> list[str]:
+    """What of the joint fit's slopes these data do not tell apart, in sentences."""
+    laws, joint = result.study.laws, result.joint_values
+    held = [
+        (target, joint[first] + joint[second], f"{first} and {second}")
+        for target, (first, second) in TARGETS.items()
+        if target in laws
+        and laws[target].ps is not None
+        and laws[target].dp is None
+        and {first, second} <= joint.keys()
+    ]
+    lines = []
+    for target, total, names in held:
+        unit, factor = handy(UNITS[TARGETS[target][0]])
+        lines.append(
+            f"{target}: dp went along with ps in these data, so the joint fit's {names} are seen as their sum alone, "
+            f"{number(factor * total)} {unit}."
+        )
+    return lines
+
+
 def verification_words(result: StudyResult) -> list[str]:
     """The verification in sentences."""
     lines = []
@@ -160,7 +181,7 @@ def _routes(result: StudyResult, model: Model | None) -> Section:
         parts.append(
             Paragraph(f"Joint fit: {model.fit.status}; mean squared weighted residual {model.fit.cost_per_sample:.3f}.")
         )
-    parts += [Paragraph("Are the pressure slopes needed?"), Items(tuple(law_words(result)))]
+    parts += [Paragraph("Are the pressure slopes needed?"), Items((*law_words(result), *joint_words(result)))]
     if result.study.held_out:
         parts += [Paragraph("Verification:"), Items(tuple(f"{line}." for line in verification_words(result)))]
     return Section("Both routes", tuple(parts))
@@ -197,7 +218,7 @@ def write_study(path: str | Path, result: StudyResult, figures: Sequence[StudyFi
         for item in figures
     ]
     if missing:
-        note = f"Figures {', '.join(missing)} need pressure pairs or reversals that were not recorded."
+        note = f"Figures {', '.join(missing)} need pressure pairs, speeds or reversals that were not recorded."
         pictures.insert(0, Paragraph(note, "note"))
     sections = [_routes(result, model), _pairs(result), Section("Figures", tuple(pictures))]
     write_report(path, "The 2011 friction study on these runs", sections)

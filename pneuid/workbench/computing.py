@@ -14,6 +14,7 @@ from pneuid import api
 from pneuid.criticism.comparison import Comparison
 from pneuid.criticism.ladder import Rung, from_json, rung_of, to_json
 from pneuid.criticism.prediction import Prediction
+from pneuid.criticism.signature import signature
 from pneuid.effects import CATALOGUE
 from pneuid.errors import UserError
 from pneuid.model import file_sha256
@@ -34,6 +35,8 @@ from pneuid.workbench.payload import (
     RegionRow,
     RunView,
     SignalView,
+    SignatureRow,
+    SignatureView,
 )
 from pneuid.workbench.project import write
 from pneuid.workbench.regions import region_mask
@@ -160,6 +163,27 @@ def catalogue(folder: Path) -> tuple[list[EffectCard], tuple[str, ...]]:
         if rig.kind in item.rigs
     ]
     return cards, tuple(LAWS)
+
+
+def signature_view(folder: Path, name: str) -> SignatureView | None:
+    """How an effect of the catalogue shows on this rig; None for a change of the friction law, which has no size."""
+    effect = CATALOGUE.get(name)
+    if effect is None:
+        return None
+    rig = Rig.from_toml(folder / "rig.toml")
+    found = signature(effect, rig)
+    rows = []
+    for signal, without in found.without.items():
+        change = found.with_it[signal] - without
+        unit = style.error_unit(signal, float(np.nanmax(np.abs(change))))
+        rows.append(SignatureRow(
+            style.axis_label(signal), shown_as(signal, without, rig.patm), shown_as(signal, found.with_it[signal], rig.patm),
+            f"Δ{SIGNALS[signal].symbol} ({unit.unit})", change * unit.factor,
+            style.FLOOR_BAND * found.noise[signal] * unit.factor,
+        ))  # fmt: skip
+    signal, course = found.command
+    command = Channel(style.axis_label(signal), shown_as(signal, course, rig.patm))
+    return SignatureView(name, found.experiment, found.t, command, tuple(rows))
 
 
 # --- as it is shown ---

@@ -34,12 +34,13 @@ body { background:var(--ground); color:var(--ink); font-size:15px; }
 .panel { background:var(--panel); border:1px solid var(--line); border-radius:6px; padding:12px 14px; }
 .soft { color:var(--soft); font-size:14px; }
 .head { font-weight:600; font-size:16px; }
-.tabs .q-btn.q-btn { color:var(--ink) !important; border-radius:6px 6px 0 0; border-bottom:3px solid transparent; padding:4px 12px; }
+.tabs .q-btn { --q-primary:var(--ink) !important; }
+.tabs .q-btn { border-radius:6px 6px 0 0; border-bottom:3px solid transparent; padding:4px 12px; }
 .tabs .q-btn.chosen { border-bottom-color:#0072b2; font-weight:600; }
 body.body--dark .tabs .q-btn.chosen { border-bottom-color:#56b4e9; }
-body.body--dark .q-btn--flat.text-primary, body.body--dark .q-field--focused .text-primary,
-body.body--dark .q-field--focused .q-field__label { color:#7cc4f0 !important; }
-body.body--dark .q-btn--outline.text-negative { color:#f0935a !important; }
+/* the framework's colours stand in a layer that no rule here can overrule: only their variables can be changed */
+body.body--dark .q-btn--flat, body.body--dark .q-field { --q-primary:#7cc4f0; }
+body.body--dark .q-btn--outline { --q-negative:#f0935a; }
 .good { border-left:4px solid #009e73; } .warning { border-left:4px solid #d55e00; } .note { border-left:4px solid #0072b2; }
 .plain { border-collapse:collapse; width:100%; font-variant-numeric:tabular-nums; font-size:14px; }
 .plain th { text-align:left; color:var(--soft); font-weight:600; }
@@ -47,7 +48,7 @@ body.body--dark .q-btn--outline.text-negative { color:#f0935a !important; }
 .plain .r { text-align:right; }
 .region { cursor:pointer; border:1px solid var(--line); border-radius:6px; padding:8px 10px; background:var(--panel); }
 .region:hover { border-color:#e69f00; }
-.q-notification .q-btn { color:#fff !important; }
+.q-notification .q-btn { --q-primary:#fff !important; }
 .region.chosen { border:2px solid #e69f00; padding:7px 9px; }
 .run-row { border-bottom:1px solid var(--line); padding:5px 4px; border-left:4px solid transparent; cursor:pointer; }
 .run-row.chosen { border-left-color:#0072b2; background:rgba(0,114,178,.09); }
@@ -76,6 +77,8 @@ class Page:
         self.view = "data"
         self.memory: dict[str, Any] = {}
         self.ticks: list[Callable[[], None]] = []
+        self.again: Callable[[], None] | None = None
+        """Shows a changed state in the view as it stands; without it the view is drawn anew."""
         self._revision = -1
         self._said = bench.said[-1][0] if bench.said else 0
         self._buttons: dict[str, ui.button] = {}
@@ -112,6 +115,8 @@ class Page:
                 'flat round aria-label="light or dark" title="light or dark"'
             )
         self.content = ui.column().classes("w-full p-3 gap-3").props('role="main"')
+        # a dialog outlives the view that opened it, which follows the state meanwhile
+        self.above = ui.element("div")
 
     def _turn(self) -> None:
         self.dark.value = not self.dark.value
@@ -131,6 +136,7 @@ class Page:
         self.view = view
         self._revision = self.bench.revision
         self.ticks.clear()
+        self.again = None
         self.content.clear()
         for name, button in self._buttons.items():
             button.classes(add="chosen" if name == view else "", remove="" if name == view else "chosen")
@@ -141,7 +147,11 @@ class Page:
 
     def _tick(self) -> None:
         if self.bench.revision != self._revision:
-            self.show(self.view)
+            self._revision = self.bench.revision
+            if self.again is not None:
+                self.again()
+            else:
+                self.show(self.view)
         for number, message, kind in list(self.bench.said):
             if number > self._said:
                 self._said = number
@@ -170,7 +180,12 @@ class Page:
             action(*arguments, **named)
         except UserError as error:
             ui.notify(
-                str(error), type="negative", position="bottom-right", multi_line=True, close_button="close", timeout=12_000
+                str(error),
+                type="negative",
+                position="bottom-right",
+                multi_line=True,
+                close_button="close",
+                timeout=12_000,
             )
             return False
         return True

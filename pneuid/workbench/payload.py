@@ -121,3 +121,26 @@ class EffectCard:
     experiment: str
     reference: str
     confused_with: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SignatureRow:
+    """One output of a signature (N,): responses without and with the effect, their difference in a unit of its own."""
+
+    label: str
+    without: np.ndarray
+    with_it: np.ndarray
+    change_label: str
+    change: np.ndarray
+    band: float
+
+
+@dataclass(frozen=True)
+class SignatureView:
+    """How an effect of typical size shows on this rig, in the experiment that tells most: t (N,) in s."""
+
+    effect: str
+    experiment: str
+    t: np.ndarray
+    command: Channel
+    rows: tuple[SignatureRow, ...]

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from pneuid.errors import UserError
 from pneuid.workbench.jobs import Job, Worker
-from pneuid.workbench.payload import ComparisonView, EffectCard, ParameterRow, RawPreview, RunData
+from pneuid.workbench.payload import ComparisonView, EffectCard, ParameterRow, RawPreview, RunData, SignatureView
 from pneuid.workbench.project import RIG, Project, RunFile, write
 from pneuid.workbench.request import FitRequest
 from pneuid.workbench.security import LARGEST_RUN, LARGEST_UPLOAD
@@ -56,6 +56,7 @@ class Workbench:
         self.comparisons: dict[str, ComparisonView] = {}
         self.cards: dict[str, EffectCard] = {}
         self.laws: tuple[str, ...] = ()
+        self.signatures: dict[str, SignatureView | None] = {}
         self.parameters: list[ParameterRow] = []
         self.selection = Selection()
         self.job: Job | None = None
@@ -113,6 +114,7 @@ class Workbench:
         if rig_changed:
             self._seen.clear()
             self.comparisons.clear()
+            self.signatures.clear()
             if self.project.has_rig:
                 self._learn()
         if self.project.has_rig:
@@ -141,7 +143,9 @@ class Workbench:
             self.faults[run.name] = self._short(message)
 
         if run.size > LARGEST_RUN:
-            failed(f"{run.name}: {run.size / 2**30:.1f} GB is more than the 1 GB a run may have; cut it into several runs")
+            failed(
+                f"{run.name}: {run.size / 2**30:.1f} GB is more than the 1 GB a run may have; cut it into several runs"
+            )
             return
         if run.size > _LARGE:
             self.reader.submit(f"a first look at {run.name}", READING, "preview_run", arguments, then=read)
@@ -194,6 +198,17 @@ class Workbench:
 
         self.computer.submit(
             "its parameters", COMPUTING, "parameters", arguments, then=learnt, otherwise=self._complain
+        )
+
+    def ask_signature(self, name: str) -> None:
+        """Learn how an effect shows on this rig; ``signatures`` holds it later."""
+
+        def learnt(found: SignatureView | None) -> None:
+            self.signatures[name] = found
+
+        arguments = {"folder": self.project.folder, "name": name}
+        self.computer.submit(
+            f"the signature of {name}", COMPUTING, "signature_view", arguments, then=learnt, otherwise=self._complain
         )
 
     def _complain(self, message: str) -> None:

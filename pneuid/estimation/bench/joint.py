@@ -43,7 +43,7 @@ def joint_fit(
 def joint_runs(plant: Plant, recordings: Sequence[Recording], noise: Mapping[str, float]) -> tuple[Run, ...]:
     """The runs for ``estimation.fit.fit`` of a bench, in the order of ``recordings``.
 
-    Speed and acceleration come from a spline that follows reversals; in the settled part of constant-velocity sections,
+    Speed and acceleration follow reversals (``motion.refined_motion``); in the settled part of constant-velocity sections,
     where force and speed stay, ``BLOCK`` samples become one with the weight of all. ``noise`` is 1-sigma per signal, SI.
     """
     return tuple(_thinned(_refined(prepare(run, plant, dict(noise)), noise["x"]), noise["x"]) for run in recordings)
@@ -51,7 +51,7 @@ def joint_runs(plant: Plant, recordings: Sequence[Recording], noise: Mapping[str
 
 def _refined(run: Run, noise: float) -> Run:
     """The run with the motion of ``refined_motion``; a recorded speed stays."""
-    motion = refined_motion(run.t, run.recording.signals["x"], noise, run.motion)
+    motion = refined_motion(run.t, run.recording.signals["x"], noise)
     data = run.data.copy()
     count = len(run.inputs)
     made = {"x": motion.x, "a": motion.a} | ({} if "v" in run.recording.recorded else {"v": motion.v})
@@ -59,7 +59,7 @@ def _refined(run: Run, noise: float) -> Run:
         row = 1 + run.inputs.index(name)
         data[row] = values
         data[row + count] = np.diff(values, append=values[-1:]) / data[0]
-    note = f"{run.name}: reversals smoothed at up to {motion.bandwidth:.3g} Hz"
+    note = f"{run.name}: motion smoothed at up to {motion.bandwidth:.3g} Hz"
     return replace(run, data=data, motion=motion, notes=(*run.notes, note))
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from pneuid.estimation.differentiate import Motion
+from pneuid.estimation.differentiate import Motion, spline_motion
 
 Array = NDArray[np.float64]
 
@@ -43,16 +43,16 @@ ONSET = 0.005
 """Seconds at the end of a rest in which a movement may have begun below the noise."""
 
 
-def refined_motion(t: Array, x: Array, noise: float, even: Motion) -> Motion:
+def refined_motion(t: Array, x: Array, noise: float) -> Motion:
     """Smooth ``x`` (m) over ``t`` (s, any spacing), ``noise`` in m (1-sigma): softly where the motion is steady.
 
     Whittaker's smoother of third differences (Proc. Edinburgh Math. Soc. 41 (1922) 63) with a variance per moment, found by
     expectation-maximisation of the marginal likelihood (Dempster, Laird, Rubin, J. R. Stat. Soc. B 39 (1977) 1). The
-    bandwidth returned is that of the liveliest moment. ``even``, the spline of one bandwidth for the whole record, is
-    returned where the record is too short. The same data give the same result.
+    bandwidth returned is that of the liveliest moment. A record too short for that gets a spline of one bandwidth. The
+    same data give the same result.
     """
     if t.size < 4 * ORDER + WINDOW:
-        return even
+        return spline_motion(t, x, noise)
     step = float(np.median(np.diff(t)))
     s, level = (t - t[0]) / step, float(np.mean(x))
     smooth, variance = _smoothed(s, (x - level) / noise)
@@ -116,7 +116,7 @@ def _factor(D: Array, variance: Array) -> tuple[Array, bool]:
     return cholesky_banded(band), False
 
 
-def _rests(x: np.ndarray, noise: float, step: float) -> list[slice]:
+def _rests(x: Array, noise: float, step: float) -> list[slice]:
     """Stretches in which the position (m, sampled every ``step`` s) does not move; their uncertain ends left out."""
     least, onset = max(REST, round(REST_SECONDS / step)), max(3, round(ONSET / step))
     if x.size < least:

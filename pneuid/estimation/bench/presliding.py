@@ -12,7 +12,6 @@ from pneuid.errors import UserError
 from pneuid.estimation.bench.motion import refined_motion
 from pneuid.estimation.bench.sections import Section, constant_velocity_sections
 from pneuid.estimation.bench.steady import SAME_SPEED, Condition, Value, friction_of
-from pneuid.estimation.differentiate import spline_motion
 from pneuid.recording import Recording
 from pneuid.rig import Rig
 
@@ -126,6 +125,6 @@ def _slope(run: Recording, force: np.ndarray, noise: float, before: Section, aft
         return None
     first, last = np.flatnonzero(inside)[[0, -1]]
     window = slice(first, last + 1)
-    x = refined_motion(t, measured, noise, spline_motion(t, measured, noise)).x[window]
+    x = refined_motion(t, measured, noise).x[window]
     s = x - np.mean(x)
     return float(s @ F[window] / (s @ s)) if float(s @ s) > 0.0 else None

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from nicegui import ui
 from nicegui.events import UploadEventArguments
 
 from pneuid.errors import UserError
+from pneuid.report.quantities import fixed
 from pneuid.workbench.look import Ink
 from pneuid.workbench.payload import RunData
 from pneuid.workbench.traces import Line, Row, stack
@@ -18,28 +20,40 @@ _ROLES = {"train": "train", "hold_out": "held out", "unused": "not used"}
 
 
 def build(page: Any) -> None:
-    """Draw the view."""
-    bench = page.bench
+    """Draw the view: what the user may be busy with, a file dialog or rig.toml, stays while the rest follows the state."""
     with ui.row().classes("w-full no-wrap gap-3 items-start"):
         with ui.column().classes("gap-3").style("width:410px;flex:none"):
-            _runs(page)
+            runs = ui.column().classes("w-full")
             _upload(page)
-            _rig(page)
-        with ui.column().classes("grow gap-3").style("min-width:0"):
-            for name, message in bench.refused.items():
-                with ui.row().classes("panel warning w-full items-center no-wrap"):
-                    ui.label(f"{name} was refused. {message}").classes("grow").props('data-testid="refused"')
-                    ui.button(icon="close", on_click=lambda _, name=name: _dismiss(page, name)).props(
-                        'flat dense round aria-label="dismiss"'
-                    )
-            if bench.doubts:
-                with ui.expansion(
-                    f"Look at this first: {len(bench.doubts)} doubts about the recordings", value=True
-                ) as box:
-                    box.classes("panel warning w-full").style("padding:0").props('data-testid="doubts"')
-                    for doubt in bench.doubts:
-                        ui.label(doubt)
-            _shown_run(page)
+            follow = _rig(page)
+        shown = ui.column().classes("grow gap-3").style("min-width:0")
+
+    def again() -> None:
+        for box, draw in ((runs, _runs), (shown, _right)):
+            box.clear()
+            with box:
+                draw(page)
+        follow()
+
+    again()
+    page.again = again
+
+
+def _right(page: Any) -> None:
+    bench = page.bench
+    for name, message in bench.refused.items():
+        with ui.row().classes("panel warning w-full items-center no-wrap"):
+            ui.label(f"{name} was refused. {message}").classes("grow").props('data-testid="refused"')
+            ui.button(icon="close", on_click=lambda _, name=name: _dismiss(page, name)).props(
+                'flat dense round aria-label="dismiss"'
+            )
+    if bench.doubts:
+        words = f"Look at this first: {len(bench.doubts)} doubt{'s' * (len(bench.doubts) > 1)} about the recordings"
+        with ui.expansion(words, value=True) as box:
+            box.classes("panel warning w-full").style("padding:0").props('data-testid="doubts"')
+            for doubt in bench.doubts:
+                ui.label(doubt)
+    _shown_run(page)
 
 
 def _dismiss(page: Any, name: str) -> None:
@@ -83,7 +97,7 @@ def _state(bench: Any, name: str, size: int) -> str:
         return f"reading, {size / 2**20:.1f} MB" if bench.project.has_rig else "waiting for rig.toml"
     if run.preview:
         return f"first look, {size / 2**20:.1f} MB is being checked"
-    return f"{run.samples:,} samples, {run.t[-1]:.4g} s at {run.rate:.4g} Hz".replace(",", " ", run.samples >= 1000)
+    return f"{fixed(run.samples, 0)} samples, {run.t[-1]:.4g} s at {run.rate:.4g} Hz"
 
 
 def _choose(page: Any, name: str) -> None:
@@ -120,12 +134,12 @@ def _upload(page: Any) -> None:
     box.props('flat bordered data-testid="upload"').classes("w-full").style("max-height:130px")
 
 
-def _rig(page: Any) -> None:
+def _rig(page: Any) -> Callable[[], None]:
+    """The editor of rig.toml; what comes back makes it follow the file where the user has not changed it."""
     bench = page.bench
-    with ui.expansion("rig.toml" if bench.project.has_rig else "rig.toml: describe the rig", icon="architecture",
-                      value=not bench.project.has_rig).classes("panel w-full").style("padding:0"):  # fmt: skip
-        if bench.rig_fault:
-            note(bench.rig_fault, "warning")
+    with ui.expansion("rig.toml", icon="architecture", value=not bench.project.has_rig).classes("panel w-full") as box:
+        box.style("padding:0")
+        fault = note("", "warning", "rig-fault")
         text = ui.textarea(value=page.memory.get("rig", bench.project.rig_text())).props(
             'outlined aria-label="rig.toml" input-style="font-family:monospace;font-size:13px;height:300px"'
         )
@@ -136,6 +150,16 @@ def _rig(page: Any) -> None:
             bench.save_rig(text.value)
 
         ui.button("Check and save", on_click=save).props("no-caps")
+
+    def follow() -> None:
+        box.set_text("rig.toml" if bench.project.has_rig else "rig.toml: describe the rig")
+        fault.set_text(bench.rig_fault)
+        fault.set_visibility(bool(bench.rig_fault))
+        if "rig" not in page.memory and text.value != bench.project.rig_text():
+            text.set_value(bench.project.rig_text())
+            del page.memory["rig"]
+
+    return follow
 
 
 def _shown_run(page: Any) -> None:
@@ -148,7 +172,7 @@ def _shown_run(page: Any) -> None:
         with ui.row().classes("w-full items-center gap-2"):
             ui.label(name).classes("head grow")
             ui.button("Map columns", icon="view_column", on_click=lambda: mapping.ask(page, name)).props(
-                "flat no-caps dense"
+                'flat no-caps dense data-testid="map"'
             )
             ui.button("Put aside", icon="archive", on_click=lambda: _put_aside(page, name)).props("flat no-caps dense")
         if name in bench.faults:

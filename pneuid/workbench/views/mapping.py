@@ -21,21 +21,21 @@ def ask(page: Any, name: str) -> None:
     bench = page.bench
     bench.head = None
     bench.look_at_head(name)
-    with ui.dialog().props("full-width") as dialog, ui.card().classes("w-full gap-2"):
+    page.above.clear()
+    with page.above, ui.dialog().props("full-width") as dialog, ui.card().classes("w-full gap-2"):
         ui.label(f"Columns of {name}").classes("head")
         inside = ui.column().classes("w-full gap-2")
         with inside:
             ui.spinner()
-    done = {"drawn": False}
+        waiting = ui.timer(0.1, lambda: ready())
 
     def ready() -> None:
-        if bench.head is not None and bench.head.name == name and not done["drawn"]:
-            done["drawn"] = True
+        if bench.head is not None and bench.head.name == name:
+            waiting.deactivate()
             inside.clear()
             with inside:
                 _form(page, bench.head, dialog)
 
-    page.ticks.append(ready)
     dialog.open()
 
 
@@ -46,17 +46,20 @@ def _form(page: Any, head: RawPreview, dialog: ui.dialog) -> None:
     with ui.element("div").classes("w-full").style("overflow-x:auto"):
         table(heads, head.rows)
     note(
-        "Kept in rig.toml under [columns], for every run of the project. Leave the unit empty where the header states it."
+        "Signals with * are needed. Kept in rig.toml under [columns], for every run of the project; a unit is asked for only "
+        "where the header of the column states none."
     )
     chosen: dict[str, tuple[Any, Any]] = {}
-    with ui.grid(columns="auto 1fr 140px").classes("items-center gap-x-4 gap-y-1"):
+    with ui.grid(columns="auto 320px 180px").classes("items-center gap-x-4 gap-y-1"):
         for signal in head.known_signals:
             needed = " *" if signal in head.required else ""
             ui.label(f"{signal}{needed}, {_MEANINGS[signal]}")
             column, unit = head.mapped.get(signal, ("", ""))
             options = ["", *head.columns]
             pick = ui.select(options, value=column if column in options else "").props("dense outlined options-dense")
-            chosen[signal] = pick, ui.input(value=unit, placeholder="unit").props("dense outlined")
+            pick.props(f'aria-label="column of {signal}"')
+            field = ui.input(value=unit, placeholder="as in the header").props(f'dense outlined aria-label="unit of {signal}"')
+            chosen[signal] = pick, field
 
     def save() -> None:
         mapping = {signal: (pick.value, unit.value.strip()) for signal, (pick, unit) in chosen.items() if pick.value}
@@ -65,5 +68,5 @@ def _form(page: Any, head: RawPreview, dialog: ui.dialog) -> None:
         dialog.close()
 
     with ui.row():
-        ui.button("Save", on_click=save).props("no-caps")
+        ui.button("Save", on_click=save).props('no-caps data-testid="save-columns"')
         ui.button("Close", on_click=dialog.close).props("flat no-caps")

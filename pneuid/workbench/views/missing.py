@@ -9,6 +9,9 @@ from nicegui import ui
 
 from pneuid.report.quantities import number, percent
 from pneuid.workbench.charts import ranking_chart
+from pneuid.workbench.look import NEUTRAL
+from pneuid.workbench.payload import SignatureView
+from pneuid.workbench.traces import Line, Row, stack
 from pneuid.workbench.views.parts import chart, live_job, model_choice
 
 _VERDICTS = {
@@ -74,8 +77,8 @@ def _unknown(found: Mapping[str, Any]) -> None:
 def _card(page: Any, folder: str, name: str, running: bool) -> None:
     bench = page.bench
     card = bench.cards.get(name)
-    with ui.row().classes("panel w-full items-center no-wrap gap-3"):
-        with ui.column().classes("grow gap-0"):
+    with ui.row().classes("panel w-full items-center gap-3"):
+        with ui.column().classes("gap-0").style("flex:1 1 0;min-width:0"):
             ui.label(name).classes("head")
             if card is not None:
                 ui.label(card.mechanism)
@@ -85,6 +88,53 @@ def _card(page: Any, folder: str, name: str, running: bool) -> None:
         button = ui.button(label, icon="check" if present else "add", on_click=lambda: _add(page, name, folder))
         button.props(f'no-caps data-testid="add-{name}"').classes("shrink-0")
         button.set_enabled(bool(bench.model) and not present and not running)
+        if card is not None:
+            _signature(page, name)
+
+
+def _signature(page: Any, name: str) -> None:
+    """How the effect shows on this rig, computed when it is asked for."""
+    bench, opened = page.bench, page.memory.setdefault("signatures", set())
+    with ui.expansion("How it shows on this rig", icon="show_chart", value=name in opened) as box:
+        box.classes("w-full").props(f'dense data-testid="how-{name}"')
+        place = ui.column().classes("w-full gap-0")
+    drawn: list[bool] = []
+
+    def draw() -> None:
+        if drawn or not box.value:
+            return
+        opened.add(name)
+        place.clear()
+        with place:
+            if name not in bench.signatures:
+                ui.spinner()
+                return
+            drawn.append(True)
+            _responses(page, bench.signatures[name])
+
+    def turned() -> None:
+        opened.discard(name)
+        if box.value and name not in bench.signatures:
+            bench.ask_signature(name)
+        draw()
+
+    box.on_value_change(turned)
+    draw()
+
+
+def _responses(page: Any, found: SignatureView | None) -> None:
+    if found is None or not found.rows:
+        ui.label("There is no typical size to show it at.").classes("soft")
+        return
+    ui.label(f"Simulated at its typical size: {found.experiment}. The grey band is the sensors' noise.").classes("soft")
+    ink = page.ink
+    rows = [Row(found.command.label, (Line("", found.command.values, ink.measured, 1.2),), 0.8)]
+    for item in found.rows:
+        lines = (Line("without it", item.without, NEUTRAL, 2.6), Line("with it", item.with_it, ink.simulated, 1.2))
+        rows.append(Row(item.label, lines, 1.6))
+        rows.append(Row(item.change_label, (Line("difference", item.change, ink.residual, 1.2),), 1.2, item.band))
+    figure = stack(found.t, tuple(rows), ink, f"signature {found.effect}")
+    chart(figure, f"{90 + 62 * len(rows)}px", f"signature-{found.effect}")
 
 
 def _add(page: Any, name: str, folder: str) -> None:

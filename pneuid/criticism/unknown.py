@@ -1,0 +1,188 @@
+"""The unknown rest: which function of which signal, in which equation, would explain it.
+
+Every equation, signal and sensible pair is screened as a spline in one pass (``probes``); the leading ones are fitted
+jointly with the parameters, because the relaxed fit alone shows the right shape at a fraction of its size; the held-out runs
+decide whether one is named. Its shape is then distilled into a short formula where one fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pneuid.criticism.diagnosis import Diagnosis, Unknown
+from pneuid.criticism.distil import Distilled, distilled
+from pneuid.criticism.prediction import Frozen, noise_floor, predict, rmse
+from pneuid.criticism.probes import Joint, Probing, weights
+from pneuid.effects._spline import KNOTS, Term, curve_columns, spline
+from pneuid.estimation.curves import POINTS, Curve, visited
+from pneuid.estimation.fit import Fit
+from pneuid.estimation.preparation import prepare
+from pneuid.plant import Plant
+from pneuid.recording import Recording
+
+SERVO_TERMS = ["force(x)", "force(x*v)", "force(p1)", "force(p2)", "force(dp)", "friction(v)", "friction(x)", "friction(p1)", "friction(p2)", "friction(dp)", "flow_1(p1)", "flow_1(p2)", "flow_1(dp)", "flow_1(x)", "flow_1(x*dp)", "flow_1(v)", "flow_1(u)", "flow_2(p1)", "flow_2(p2)", "flow_2(dp)", "flow_2(x)", "flow_2(x*dp)", "flow_2(v)", "flow_2(u)", "valve(u)", "valve(psup)", "valve(x)", "valve(p1)", "valve(p2)", "sensor_x(x)", "sensor_x(v)", "sensor_p1(p1)", "sensor_p1(x)", "sensor_p2(p2)", "sensor_p2(x)"]
+BENCH_TERMS = ["force(x)", "force(x*v)", "force(p1)", "force(p2)", "force(dp)", "friction(v)", "friction(x)", "friction(p1)", "friction(p2)", "friction(dp)"]
+"""What is screened: equations, signals and sensible pairs."""
+
+FINER = (24, 60)
+"""Numbers of splines tried over x besides the usual one: magnets, teeth and scales repeat themselves over the stroke."""
+
+WORTH_KNOTS = 1.2
+"""Factor by which a finer spline, or a second term, must raise the predicted drop."""
+
+LEADERS = 3
+"""Terms that are fitted jointly with the parameters."""
+
+NEAR = 0.25
+"""Share of the leading term's predicted drop below which another is not fitted."""
+
+LEAST_EXPLAINED = 0.25
+"""Share of the held-out excess that a term must remove to be named."""
+
+CLEARLY = 0.5
+"""A term alone takes the place of accepted effects when it leaves less than this share of the excess that they leave."""
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Found:
+    """Unknown terms that explain a rest: the joint fit, held-out error (1 = noise only) before and after, the first term's shape."""
+
+    joint: Joint
+    before: float
+    after: float
+    curve: Curve
+    rms: float
+    formula: Distilled | None
+
+    @property
+    def explained(self) -> float:
+        """Share of the held-out excess that is removed."""
+        return (self.before - self.after) / max(self.before - 1.0, 1e-12)
+
+
+def search(fit: Fit, hold_out: Sequence[Recording], say: Say = lambda _: None) -> Found | None:
+    """The unknown function that explains best what ``fit`` leaves; None where none explains held-out runs."""
+    probing = Probing(fit)
+    ranked = ranking(probing)
+    say("unknown terms by predicted drop: " + ", ".join(
+        f"{term.name} {100 * drop / probing.start_cost:.1f} %" for drop, term in ranked[:3]))  # fmt: skip
+    best = min((probing.fitted([term]) for term in _leaders(ranked)), key=lambda joint: joint.cost)
+    best = _with_second(probing, ranked, best)
+    before, after = _held_out(fit, None, hold_out), _held_out(fit, best, hold_out)
+    floor = noise_floor(Frozen(fit.plant, fit.values, fit.ranges, fit.noise, fit.substeps),
+                        [prepare(run, fit.plant, fit.noise) for run in hold_out])  # fmt: skip
+
+    def error(found: dict[str, float]) -> float:
+        return float(np.mean([(found[name] / floor.value[name]) ** 2 for name in found]))
+
+    curve = _curve(fit, best)
+    size = float(np.sqrt(np.mean((weights(best.terms[0], probing.scope) @ best.amplitudes[0]) ** 2)))
+    found = Found(best, error(before), error(after), curve, size, distilled(best.terms[0], curve, fit))
+    say(f"{' + '.join(term.name for term in best.terms)}: removes {100 * found.explained:.0f} % of the held-out excess")
+    return found if np.isfinite(found.after) and found.explained > LEAST_EXPLAINED else None
+
+
+def ranking(probing: Probing) -> list[tuple[float, Term]]:
+    """Predicted drop of every term, best first, each with the number of splines that is worth it."""
+    names = SERVO_TERMS if probing.problem.plant.servo else BENCH_TERMS
+    found = []
+    for name in names:
+        equation, _, rest = name.partition("(")
+        signal, _, factor = rest.rstrip(")").partition("*")
+        if signal == "psup" and float(np.ptp(probing.scope.psup)) < 1e4:
+            continue
+        term = Term(equation, signal, factor)
+        drop = probing.screened(term)
+        for knots in FINER if signal == "x" else ():
+            finer = replace(term, knots=knots)
+            more = probing.screened(finer)
+            if more > WORTH_KNOTS * drop + knots:
+                drop, term = more, finer
+        found.append((drop, term))
+    return sorted(found, key=lambda item: -item[0])
+
+
+def _leaders(ranked: Sequence[tuple[float, Term]]) -> list[Term]:
+    return [term for drop, term in ranked[:LEADERS] if drop > NEAR * ranked[0][0]]
+
+
+def _with_second(probing: Probing, ranked: Sequence[tuple[float, Term]], best: Joint) -> Joint:
+    """The joint fit with a second term beside the best one, where it promises much more."""
+    first = best.terms[0]
+    others = [term for _, term in ranked if term.equation != first.equation]
+    alone = probing.screened(first)
+    pairs = [(probing.screened(first, other), other) for other in others]
+    drop, second = max(pairs, key=lambda item: item[0], default=(0.0, first))
+    if drop < WORTH_KNOTS * alone + KNOTS:
+        return best
+    both = probing.fitted([first, second])
+    return both if best.cost - both.cost > (WORTH_KNOTS - 1.0) * (probing.start_cost - best.cost) else best
+
+
+def _held_out(fit: Fit, joint: Joint | None, hold_out: Sequence[Recording]) -> dict[str, float]:
+    """Error per signal of the fitted model, with the unknown terms in place, on runs not used in the fit."""
+    plant, values = fit.plant, dict(fit.values)
+    if joint is not None:
+        effects = [spline(term) for term in joint.terms]
+        plant = Plant(fit.plant.rig, fit.plant.law.name, [*fit.plant.effects, *effects])
+        values |= joint.values
+        for effect, part in zip(effects, joint.amplitudes, strict=True):
+            values |= dict(zip(effect.amplitudes, map(float, part), strict=True))
+    held = [prepare(run, plant, fit.noise) for run in hold_out]
+    return rmse(predict(Frozen(plant, values, fit.ranges, fit.noise, fit.substeps), held), plant.outputs)
+
+
+def _curve(fit: Fit, joint: Joint) -> Curve:
+    """Shape and band of the first term."""
+    term, part = joint.terms[0], joint.amplitudes[0]
+    at = np.linspace(*visited(fit.runs, term, fit), POINTS)
+    columns = np.array(curve_columns(term, {**fit.ranges, "patm": fit.plant.rig.patm}, at))
+    covariance = joint.covariance[: part.size, : part.size]
+    std = np.sqrt(np.maximum(np.einsum("in,ij,jn->n", columns, covariance, columns), 0.0))
+    plain = [tuple(float(value) for value in values) for values in (at, part @ columns, std)]
+    return Curve(spline(term).name, term.equation, term.signal, term.factor, term.unit, *plain, provisional=True)
+
+
+def explained(
+    diagnosis: Diagnosis, base: Fit, best: Fit, hold_out: Sequence[Recording], error_best: float, say: Say = lambda _: None
+) -> Diagnosis:
+    """The diagnosis with what is known of its unknown rest, unchanged where it has none or nothing explains it.
+
+    base : the fit that was diagnosed; best : with the accepted effects; error_best : its held-out error in floors, squared.
+    """
+    if diagnosis.unknown is None:
+        return diagnosis
+    if diagnosis.effects:
+        alone = search(base, hold_out, say)
+        if alone is not None and alone.after - 1.0 < CLEARLY * max(error_best - 1.0, 0.0):
+            words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
+            return replace(diagnosis, verdict="unknown", effects=(), unknown=_unknown(alone),
+                           sentences=(*diagnosis.sentences, words, *_said(alone)))  # fmt: skip
+    rest = search(best, hold_out, say)
+    if rest is None:
+        return diagnosis
+    return replace(diagnosis, unknown=_unknown(rest), sentences=(*diagnosis.sentences, *_said(rest)))
+
+
+def _unknown(found: Found) -> Unknown:
+    term, formula = found.joint.terms[0], found.formula
+    signals = tuple(dict.fromkeys(name for item in found.joint.terms for name in item.depends_on))
+    return Unknown(
+        term.equation, signals, found.rms, term.unit, formula.text if formula else None,
+        effect=" ".join(item.name for item in found.joint.terms), formula_effect=formula.name if formula else None,
+        formula_error=formula.error if formula else None, excess_explained=found.explained, curve=found.curve,
+    )  # fmt: skip
+
+
+def _said(found: Found) -> tuple[str, ...]:
+    names = " ".join(f"'{term.name}'" for term in found.joint.terms)
+    words = f"a smooth unknown function removes {100 * found.explained:.0f} % of what is left on held-out runs; --add {names}"
+    if found.formula is None:
+        return (words,)
+    formula = found.formula
+    return words, f"its shape is {formula.text} within {100 * formula.error:.0f} % of its size; --add '{formula.name}'"
