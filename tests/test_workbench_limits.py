@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import http.server
+import os
 import statistics
 import threading
 import time
@@ -209,9 +210,9 @@ def test_the_browser_did_not_complain(window):
 # --- a million samples ---
 
 
-def million(path: Path) -> None:
-    """A recording of 1000 s at 1 kHz: the first demo run to and fro, so that it has no seams."""
-    lines = (path.parent / "train_1.csv").read_text().splitlines()
+def million(path: Path, source: Path) -> None:
+    """A recording of 1000 s at 1 kHz: a demo run to and fro, so that it has no seams."""
+    lines = source.read_text().splitlines()
     rows = [line.split(",", 1)[1] for line in lines[1:]]
     period = rows + rows[::-1]
     with path.open("w") as stream:
@@ -250,43 +251,41 @@ const [a, b] = plot._fullLayout.xaxis.range; return plot.data[0].x.filter(t => t
 
 @pytest.mark.slow
 def test_a_million_samples_open_and_pan(tmp_path, capsys):
-    """Opens in 3 s and pans without a stall, on a machine that is not doing other work; the figures are printed."""
-    folder = short_demo(tmp_path / "monday", 2000)
-    million(folder / "long.csv")
-    for name in ("train_2", "train_3", "hold_out_1", "hold_out_2", "train_1"):
-        (folder / f"{name}.csv").unlink()
-    site = Site(folder)
+    """The figures are printed (``docs/workbench.md`` has those of a quiet machine); the bounds leave room for other work."""
+    site = Site(short_demo(tmp_path / "monday", 2000))
     window = Window(site, tmp_path / "profile")
     try:
-        opened = time.monotonic()
-        window.wait(lambda: window.plotted("run-plot"), 60, "the first look")
-        first = time.monotonic() - opened
+        window.wait(lambda: window.text("runs").count("2 000 samples") == 5, 60, "the short runs")
+        million(tmp_path / "long.csv", site.folder / "train_1.csv")
+        (tmp_path / "long.csv").replace(site.folder / "long.csv")
+        row = "[...document.querySelectorAll('.run-row')].find(row => row.innerText.includes('long.csv'))"
+        window.wait(
+            lambda: window.driver.execute_script(f"const r = {row}; if (r) r.click(); return !!r"), 20, "the run"
+        )
+        noticed = time.monotonic()
+        window.wait(lambda: window.driver.execute_script(SHOWN) > 2000, 60, "the first look")
+        first = time.monotonic() - noticed
         window.wait(lambda: "1 000 000 samples" in window.text("runs"), 60, "the whole recording")
-        whole = time.monotonic() - site.began
-        window.quiet()
-        # the same again with the recording read, as a second window or a reload does it
-        opened = time.monotonic()
-        window.driver.get(site.url)
-        window.wait(lambda: window.driver.execute_script(SHOWN) > 1000, 60, "the plot")
-        again = time.monotonic() - opened
+        whole = time.monotonic() - noticed
         window.driver.execute_script(f"return (async () => {{{ZOOM}}})()")
         window.wait(lambda: 1000 < window.driver.execute_script(SHOWN) < 5000, what="the detail of 20 s")
         window.driver.set_script_timeout(60)
         frames, ranges = window.driver.execute_async_script(PAN)
+        dragged = time.monotonic()
         assert abs(ranges[-1] - ranges[0]) > 3, "the plot was not dragged"
-        began = time.monotonic()
         window.wait(lambda: 1000 < window.driver.execute_script(SHOWN) < 5000, what="the detail after the drag")
-        detail = time.monotonic() - began
+        detail = time.monotonic() - dragged
         with capsys.disabled():
             print(  # noqa: T201 - the figures are what this test is run for
-                f"\nfirst page {site.first_page:.2f} s, first look {first:.2f} s, checked {whole:.2f} s after the command, "
-                f"opened again {again:.2f} s; pan: median {statistics.median(frames):.0f} ms, longest {max(frames):.0f} ms "
-                f"of {len(frames)} frames, detail {detail:.2f} s"
+                f"\nfirst page {site.first_page:.2f} s after the command; a million samples: first look {first:.2f} s, "
+                f"whole {whole:.2f} s after it was noticed; pan: median {statistics.median(frames):.0f} ms, longest "
+                f"{max(frames):.0f} ms of {len(frames)} frames, detail {detail:.2f} s; load {os.getloadavg()[0]:.1f}"
             )
         window.logs()
         assert window.complaints == []
-        assert again < 3
+        assert first < 15
         assert np.median(frames) < 100
+        assert max(frames) < 500
     finally:
         window.driver.quit()
         site.stop()

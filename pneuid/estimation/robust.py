@@ -18,19 +18,21 @@ def outliers(y: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
     """Which samples of ``y`` (N,) stand alone far off at ``noise`` (1-sigma, same unit), and what the others say (N,).
 
     The others: the median over the means of the pairs at a distance of 1, 2 and 3 samples, exact at constant speed, or over
-    the parabolas through two of these pairs, exact at constant acceleration, whichever is nearer to the sample; after
+    parabolas through two such pairs, exact at constant acceleration, whichever is nearer to the sample; after
     Hampel's identifier, J. Am. Statist. Assoc. 69 (1974) 383.
     """
-    padded = np.pad(y, 3, mode="reflect", reflect_type="odd")
-    n = y.size
-    one, two, three = (0.5 * (padded[3 - j : 3 - j + n] + padded[3 + j : 3 + j + n]) for j in (1, 2, 3))
-    straight = np.median([one, two, three], axis=0)
-    curved = np.median([(4 * one - two) / 3, (9 * one - three) / 8, (9 * two - 4 * three) / 5], axis=0)
+    reach, n = 4, y.size
+    padded = np.pad(y, reach, mode="reflect", reflect_type="odd")
+    pair = {j: 0.5 * (padded[reach - j : reach - j + n] + padded[reach + j : reach + j + n]) for j in range(1, reach + 1)}
+    straight = np.median([pair[1], pair[2], pair[3]], axis=0)
+    # most of these leave out any one neighbour, which may be an outlier itself
+    spans = ((1, 2), (1, 3), (2, 3), (2, 4), (3, 4))
+    curved = np.median([(b**2 * pair[a] - a**2 * pair[b]) / (b**2 - a**2) for a, b in spans], axis=0)
     middle = np.where(np.abs(y - straight) < np.abs(y - curved), straight, curved)
     off = np.abs(y - middle)
     beside = np.maximum(np.append(off[1:], 0.0), np.insert(off[:-1], 0, 0.0))
     found = (off > FAR * noise) & (beside < np.maximum(BEND * off, HUBER * noise))
-    found[:3] = found[-3:] = False
+    found[:reach] = found[-reach:] = False
     return found, middle
 
 

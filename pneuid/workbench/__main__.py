@@ -12,6 +12,7 @@ from pneuid.errors import UserError
 from pneuid.terminal import DEMO_ROOT, CommandParser, run_command
 from pneuid.workbench.project import Project, demo_project
 from pneuid.workbench.security import LARGEST_RUN, LARGEST_UPLOAD
+from pneuid.workbench.state import Workbench
 
 _EXAMPLE = """example:
   python -m pneuid.workbench monday
@@ -48,11 +49,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if not 0 < given.max_upload <= LARGEST_RUN / 2**20:
         raise UserError(f"--max-upload {given.max_upload:g}: must lie between 0 and {LARGEST_RUN / 2**20:.0f} MB")
     project = Project(Path(given.folder)) if given.folder else demo_project(Path(DEMO_ROOT) / "workbench")
-    from pneuid.workbench.server import free_port, serve  # noqa: PLC0415 - the extra, and a second of imports
+    bench = Workbench(project, int(given.max_upload * 2**20))
+    try:
+        # it imports what reading needs while this process imports what the page needs
+        bench.reader.start()
+        from pneuid.workbench.server import free_port, serve  # noqa: PLC0415 - the extra, and a second of imports
 
-    port = free_port(given.port)
-    print(f"workbench: http://127.0.0.1:{port}  (project {project.folder}; ctrl-C ends it)", flush=True)
-    serve(project, port, int(given.max_upload * 2**20), browser=not given.no_browser and sys.stdout.isatty())
+        port = free_port(given.port)
+        print(f"workbench: http://127.0.0.1:{port}  (project {project.folder}; ctrl-C ends it)", flush=True)
+        serve(bench, port, browser=not given.no_browser and sys.stdout.isatty())
+    finally:
+        bench.close()
 
 
 if __name__ == "__main__":

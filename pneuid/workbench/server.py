@@ -11,7 +11,6 @@ from nicegui import app, ui
 
 from pneuid.errors import UserError
 from pneuid.workbench.page import Page
-from pneuid.workbench.project import Project
 from pneuid.workbench.security import LocalOnly
 from pneuid.workbench.state import Workbench
 
@@ -33,17 +32,15 @@ def free_port(wanted: int | None) -> int:
     raise UserError(f"port {wanted} is taken; choose another --port, or leave it out")
 
 
-def serve(project: Project, port: int, limit: int, browser: bool) -> None:
+def serve(bench: Workbench, port: int, browser: bool) -> None:
     """Serve until ctrl-C."""
-    bench = Workbench(project, limit)
     address = f"http://{HOST}:{port}"
 
-    @ui.page("/", title=f"pneuid workbench: {project.folder.name}")
+    @ui.page("/", title=f"pneuid workbench: {bench.project.folder.name}")
     def index() -> None:
         Page(bench)
 
     def started() -> None:
-        bench.reader.start()
         bench.open()
         if browser:
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
@@ -51,14 +48,11 @@ def serve(project: Project, port: int, limit: int, browser: bool) -> None:
     app.on_startup(started)
     app.on_shutdown(bench.close)
     app.timer(TICK_SECONDS, bench.tick)
-    app.add_middleware(LocalOnly, port=port, limit=limit)
-    try:
-        ui.run(
-            host=HOST, port=port, show=False, reload=False, title="pneuid workbench", show_welcome_message=False, dark=None,
-            favicon=_ICON, uvicorn_logging_level="error", reconnect_timeout=20.0,
-        )  # fmt: skip
-    finally:
-        bench.close()
+    app.add_middleware(LocalOnly, port=port, limit=bench.limit)
+    ui.run(
+        host=HOST, port=port, show=False, reload=False, title="pneuid workbench", show_welcome_message=False, dark=None,
+        favicon=_ICON, uvicorn_logging_level="error", reconnect_timeout=20.0,
+    )  # fmt: skip
 
 
 _ICON = (

@@ -58,7 +58,9 @@ def _form(page: Any, head: RawPreview, dialog: ui.dialog) -> None:
             options = ["", *head.columns]
             pick = ui.select(options, value=column if column in options else "").props("dense outlined options-dense")
             pick.props(f'aria-label="column of {signal}"')
-            field = ui.input(value=unit, placeholder="as in the header").props(f'dense outlined aria-label="unit of {signal}"')
+            field = ui.input(value=unit, placeholder="as in the header").props(
+                f'dense outlined aria-label="unit of {signal}"'
+            )
             chosen[signal] = pick, field
 
     def save() -> None:
