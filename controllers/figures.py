@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from controllers.candidates import WITH, WITHOUT
 from controllers.grid import Result
 from controllers.registry import CONTROLLERS
 from controllers.tables import chosen, label_of, largest, rms, variants
 
-_COLOURS = dict(zip(CONTROLLERS, mpl.colormaps["tab10"].colors, strict=False))  # type: ignore[attr-defined]
+_PALETTE = ("#8c8c8c", "#e69f00", "#009e73", "#d62728", "#b48ade", "#1f4e9c")
+_COLOURS = dict(zip(CONTROLLERS, _PALETTE, strict=True))
 _HATCHES = ("", "///", "...", "xxx")
 _DASHES = ("-", "--", ":", "-.")
 DPI = 110
@@ -44,8 +47,16 @@ def draw_errors(axes: Axes, results: Sequence[Result], reference: str, patm: flo
         )  # fmt: skip
     axes.set_xticks(range(len(supplies)), _bars(supplies, patm))
     axes.set(yscale="log", title=reference, xlabel="supply pressure [bar gauge]", ylabel="RMS tracking error [mm]")
+    _plain_ticks(axes)
     axes.grid(visible=True, axis="y", alpha=0.3)
     return axes
+
+
+def _plain_ticks(axes: Axes) -> None:
+    """A log axis marked 0.1, 0.2, 0.5, 1 and so on; no words for what lies between."""
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _finite(value: float) -> float:
@@ -59,7 +70,10 @@ def draw_tracking(axes: Sequence[Axes], results: Sequence[Result]) -> Sequence[A
         run = result.run
         if run is None:
             continue
-        style = {"color": _COLOURS[result.controller], "ls": _DASHES[models.index(result.model) % len(_DASHES)]}
+        style: dict[str, Any] = {
+            "color": _COLOURS[result.controller],
+            "ls": _DASHES[models.index(result.model) % len(_DASHES)],
+        }
         axes[0].plot(run.t, run.x * 1e3, lw=1.0, **style)
         axes[1].plot(run.t, run.error * 1e3, lw=1.0, label=label_of(results, result.controller, result.model), **style)
         axes[2].plot(run.t, run.u, lw=0.6, **style)
@@ -158,7 +172,11 @@ def pressure_figure(results: Sequence[Result], patm: float) -> Figure:
         left.plot([(at - patm) / 1e5 for at in supplies], errors, label=label_of(first, controller, model), **style)
         right.plot(efforts, errors, **style)
     left.set(yscale="log", xlabel="supply pressure [bar gauge]", ylabel="RMS error over all references [mm]")
-    right.set(xscale="log", xlabel="valve movement, mean over references [V/s]")
+    left.set_xticks([(at - patm) / 1e5 for at in supplies], _bars(supplies, patm))
+    _plain_ticks(left)
+    right.set_xscale("log")
+    right.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+    right.set(xlabel="valve movement, mean over references [V/s]")
     for axes in (left, right):
         axes.grid(visible=True, which="both", alpha=0.25)
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize="small")

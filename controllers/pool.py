@@ -80,7 +80,7 @@ class Cluster:
         futures = self._client.map(function, list(items), pure=False)
         places = {future.key: place for place, future in enumerate(futures)}
         try:
-            for future, result in self._dask.as_completed(futures, with_results=True):
+            for future, result in self._dask.as_completed(futures, loop=self._client.loop, with_results=True):
                 yield places[future.key], result
         except self._dask.KilledWorker as error:
             raise ComputationError(f"workers of the cluster died over a task: {error}") from error

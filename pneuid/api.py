@@ -16,6 +16,7 @@ from pneuid.criticism.diagnosis import Diagnosis
 from pneuid.criticism.frames import notebook_html
 from pneuid.criticism.prediction import predict_free
 from pneuid.criticism.trust import trust
+from pneuid.criticism.unknown import explained
 from pneuid.effect import Effect
 from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
 from pneuid.effects._by_name import canonical
@@ -212,7 +213,8 @@ def diagnose(
         fitted = None
     base = fitted or refitted(IdentifiedModel(model.content), train, monitor)
     own = {effect.name: effect for effect in (*model.content.own, *own_of(effect_files))}
-    return decision.diagnose(base, held, CATALOGUE | own | LAW_STEPS, monitor, say)
+    found = decision.diagnose(base, held, CATALOGUE | own | LAW_STEPS, monitor, say)
+    return explained(found, base, held, say)
 
 
 def _same_runs(fitted: Fit | None, runs: Sequence[Recording]) -> bool:

@@ -84,11 +84,12 @@ def _next(
 ) -> str:
     if diagnosis.verdict == "adequate":
         return f"nothing is left to add; {path} is ready for use"
-    if diagnosis.verdict != "effect":
+    unknown = diagnosis.unknown.effect if diagnosis.verdict == "unknown" and diagnosis.unknown else None
+    if diagnosis.verdict != "effect" and unknown is None:
         return "look at the report, then record what it asks for"
     out = next_folder(path.parent, f"{path.parent.name}_better")
     return command_line(
-        "pneuid.identify", from_=[path], add=diagnosis.effects, data=files[0], hold_out=files[1],
+        "pneuid.identify", from_=[path], add=[*diagnosis.effects, *(unknown or "").split()], data=files[0], hold_out=files[1],
         diagnosis=[folder / "diagnosis.json"], effect_file=own, out=[out],
     )  # fmt: skip
 

@@ -52,7 +52,10 @@ def parser() -> argparse.ArgumentParser:
         "--hold-out", nargs="+", metavar="RUN", default=[], help="recordings kept from the fit, to judge by"
     )
     found.add_argument("--friction", choices=tuple(LAWS), help="friction law instead of the rig's")
-    found.add_argument("--add", nargs="+", metavar="EFFECT", default=[], help="effects of the catalogue to add, 'spline:EQUATION(SIGNAL)', or your own")
+    found.add_argument(
+        "--add", nargs="+", metavar="EFFECT", default=[],
+        help="effects to add: of the catalogue, 'spline:EQUATION(SIGNAL)', or your own",
+    )  # fmt: skip
     found.add_argument("--drop", nargs="+", metavar="EFFECT", default=[], help="effects to leave out")
     found.add_argument("--diagnosis", metavar="FILE", help="diagnosis.json whose rejected rungs join the ladder")
     found.add_argument(

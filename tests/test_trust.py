@@ -76,7 +76,7 @@ def test_single_samples_far_off_are_found_and_only_they():
     drawn, same = pseudo_values(y, 2e-5)
     np.testing.assert_array_equal(same, found)
     assert np.array_equal(drawn[~found], y[~found])
-    assert np.all(np.abs(drawn[at] - 0.1 * np.sin(2 * np.pi * 3.0 * t[at])) < (HUBER + 3.0) * 2e-5)
+    assert np.all(np.abs(drawn[at] - 0.1 * np.sin(2 * np.pi * 3.0 * t[at])) < (HUBER + 5.0) * 2e-5)
 
 
 @pytest.mark.parametrize("shape", ["step", "kink", "noise"])

@@ -27,6 +27,9 @@ NEARER = 0.6
 WAVES = (0.7, 24.0)
 """Numbers of waves over the visited range that are tried for a period."""
 
+LEADING = 2
+"""Functions of a shape by which its numbers are searched: a wave's length is that of its fundamental."""
+
 STARTS = 3
 
 
@@ -81,8 +84,8 @@ def _fitted(
     scale = np.array([1.0 if name == "n" else span for name in shape.numbers])
     shift = np.array([at[0] + 0.5 * span if name == "s0" else 0.0 for name in shape.numbers])
 
-    def solved(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        columns = shape.columns(at, shift + scale * z, distance_of(term.signal))
+    def solved(z: np.ndarray, leading: int = LEADING) -> tuple[np.ndarray, np.ndarray]:
+        columns = shape.columns(at, shift + scale * z, distance_of(term.signal))[:leading]
         # the factor's anchor and the base model's own constants take the constant up, whether the effect has one or not
         A = np.column_stack([*columns, np.ones(at.size)]) * root[:, None]
         amplitudes = np.linalg.lstsq(A, root * value, rcond=1e-9)[0]
@@ -93,7 +96,8 @@ def _fitted(
     grid = sorted(_starts(shape.numbers), key=lambda z: float(np.sum(solved(np.array(z))[0] ** 2)))
     found = [least_squares(lambda z: solved(z)[0], np.clip(z, low, high), bounds=(low, high), max_nfev=40) for z in grid[:STARTS]]
     best = min(found, key=lambda item: float(item.cost))
-    return float(np.sqrt(2.0 * best.cost)), shift + scale * best.x, solved(best.x)[1]
+    distance, amplitudes = solved(best.x, shape.amplitudes)
+    return float(np.linalg.norm(distance)), shift + scale * best.x, amplitudes
 
 
 def _starts(numbers: Sequence[str]) -> Iterator[tuple[float, ...]]:

@@ -7,14 +7,15 @@ decide whether one is named. Its shape is then distilled into a short formula wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pneuid.criticism.diagnosis import Diagnosis, Unknown
+from pneuid.criticism.decision import Verdict
+from pneuid.criticism.diagnosis import Unknown
 from pneuid.criticism.distil import Distilled, distilled
-from pneuid.criticism.prediction import Frozen, noise_floor, predict, rmse
+from pneuid.criticism.prediction import Frozen, predict, rmse
 from pneuid.criticism.probes import Joint, Probing, weights
 from pneuid.effects._spline import KNOTS, Term, curve_columns, spline
 from pneuid.estimation.curves import POINTS, Curve, visited
@@ -33,14 +34,20 @@ FINER = (24, 60)
 WORTH_KNOTS = 1.2
 """Factor by which a finer spline, or a second term, must raise the predicted drop."""
 
-LEADERS = 3
+LEADERS = 2
 """Terms that are fitted jointly with the parameters."""
 
-NEAR = 0.25
+NEAR = 0.6
 """Share of the leading term's predicted drop below which another is not fitted."""
+
+LEFT = 0.3
+"""Share of the cost above noise that the best term must leave for a second one to be tried beside it."""
 
 LEAST_EXPLAINED = 0.25
 """Share of the held-out excess that a term must remove to be named."""
+
+TIED = 0.03
+"""Share of the drop of the cost within which two terms explain the data alike."""
 
 CLEARLY = 0.5
 """A term alone takes the place of accepted effects when it leaves less than this share of the excess that they leave."""
@@ -58,6 +65,8 @@ class Found:
     curve: Curve
     rms: float
     formula: Distilled | None
+    ties: tuple[Term, ...]
+    """Other terms that explain the data about as well."""
 
     @property
     def explained(self) -> float:
@@ -65,24 +74,28 @@ class Found:
         return (self.before - self.after) / max(self.before - 1.0, 1e-12)
 
 
-def search(fit: Fit, hold_out: Sequence[Recording], say: Say = lambda _: None) -> Found | None:
-    """The unknown function that explains best what ``fit`` leaves; None where none explains held-out runs."""
+def search(fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float], say: Say = lambda _: None) -> Found | None:
+    """The unknown function that explains best what ``fit`` leaves; None where none explains held-out runs.
+
+    floor : noise floor per signal, SI, by which errors are measured.
+    """
+    say("screening unknown functions of every signal in every equation")
     probing = Probing(fit)
     ranked = ranking(probing)
-    say("unknown terms by predicted drop: " + ", ".join(
-        f"{term.name} {100 * drop / probing.start_cost:.1f} %" for drop, term in ranked[:3]))  # fmt: skip
-    best = min((probing.fitted([term]) for term in _leaders(ranked)), key=lambda joint: joint.cost)
-    best = _with_second(probing, ranked, best)
-    before, after = _held_out(fit, None, hold_out), _held_out(fit, best, hold_out)
-    floor = noise_floor(Frozen(fit.plant, fit.values, fit.ranges, fit.noise, fit.substeps),
-                        [prepare(run, fit.plant, fit.noise) for run in hold_out])  # fmt: skip
+    shown = ", ".join(f"{term.name} {100 * drop / probing.start_cost:.1f} %" for drop, term in ranked[:3])
+    say(f"predicted drops of the cost: {shown}")
+    fits = sorted((probing.fitted([term]) for term in _leaders(ranked)), key=lambda joint: joint.cost)
+    gain = probing.start_cost - fits[0].cost
+    ties = tuple(joint.terms[0] for joint in fits[1:] if joint.cost - fits[0].cost < TIED * gain)
+    best = _with_second(probing, ranked, fits[0])
 
-    def error(found: dict[str, float]) -> float:
-        return float(np.mean([(found[name] / floor.value[name]) ** 2 for name in found]))
+    def error(joint: Joint | None) -> float:
+        found = _held_out(fit, joint, hold_out)
+        return float(np.mean([(found[name] / floor[name]) ** 2 for name in found]))
 
     curve = _curve(fit, best)
     size = float(np.sqrt(np.mean((weights(best.terms[0], probing.scope) @ best.amplitudes[0]) ** 2)))
-    found = Found(best, error(before), error(after), curve, size, distilled(best.terms[0], curve, fit))
+    found = Found(best, error(None), error(best), curve, size, distilled(best.terms[0], curve, fit), ties)
     say(f"{' + '.join(term.name for term in best.terms)}: removes {100 * found.explained:.0f} % of the held-out excess")
     return found if np.isfinite(found.after) and found.explained > LEAST_EXPLAINED else None
 
@@ -114,7 +127,10 @@ def _leaders(ranked: Sequence[tuple[float, Term]]) -> list[Term]:
 def _with_second(probing: Probing, ranked: Sequence[tuple[float, Term]], best: Joint) -> Joint:
     """The joint fit with a second term beside the best one, where it promises much more."""
     first = best.terms[0]
-    others = [term for _, term in ranked if term.equation != first.equation]
+    noise = 0.5 * probing.problem.weighted
+    if best.cost - noise < LEFT * (probing.start_cost - noise):
+        return best
+    others = [term for _, term in ranked[: 3 * LEADERS] if term.equation != first.equation]
     alone = probing.screened(first)
     pairs = [(probing.screened(first, other), other) for other in others]
     drop, second = max(pairs, key=lambda item: item[0], default=(0.0, first))
@@ -148,30 +164,36 @@ def _curve(fit: Fit, joint: Joint) -> Curve:
     return Curve(spline(term).name, term.equation, term.signal, term.factor, term.unit, *plain, provisional=True)
 
 
-def explained(
-    diagnosis: Diagnosis, base: Fit, best: Fit, hold_out: Sequence[Recording], error_best: float, say: Say = lambda _: None
-) -> Diagnosis:
-    """The diagnosis with what is known of its unknown rest, unchanged where it has none or nothing explains it.
+def explained(verdict: Verdict, base: Fit, hold_out: Sequence[Recording], say: Say = lambda _: None) -> Verdict:
+    """The verdict with what is known of its unknown rest, unchanged where it has none or nothing explains it.
 
-    base : the fit that was diagnosed; best : with the accepted effects; error_best : its held-out error in floors, squared.
+    base : the fit that was diagnosed. A term that alone explains clearly more than the accepted effects takes their place.
     """
+    diagnosis, last = verdict.diagnosis, [rung for rung in verdict.rungs if rung.accepted][-1]
     if diagnosis.unknown is None:
-        return diagnosis
+        return verdict
+    floor = last.noise_floor
+    left = float(np.mean([(last.hold_out[name] / floor[name]) ** 2 for name in floor])) - 1.0
     if diagnosis.effects:
-        alone = search(base, hold_out, say)
-        if alone is not None and alone.after - 1.0 < CLEARLY * max(error_best - 1.0, 0.0):
+        alone = search(base, hold_out, floor, say)
+        if alone is not None and alone.after - 1.0 < CLEARLY * left:
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
-            return replace(diagnosis, verdict="unknown", effects=(), unknown=_unknown(alone),
-                           sentences=(*diagnosis.sentences, words, *_said(alone)))  # fmt: skip
-    rest = search(best, hold_out, say)
+            found = replace(
+                diagnosis, verdict="unknown", effects=(), unknown=_unknown(alone),
+                sentences=(*diagnosis.sentences, words, *_said(alone)),
+            )  # fmt: skip
+            return replace(verdict, diagnosis=found, best=base)
+    rest = search(verdict.best, hold_out, floor, say)
     if rest is None:
-        return diagnosis
-    return replace(diagnosis, unknown=_unknown(rest), sentences=(*diagnosis.sentences, *_said(rest)))
+        return verdict
+    found = replace(diagnosis, unknown=_unknown(rest), sentences=(*diagnosis.sentences, *_said(rest)))
+    return replace(verdict, diagnosis=found)
 
 
 def _unknown(found: Found) -> Unknown:
     term, formula = found.joint.terms[0], found.formula
-    signals = tuple(dict.fromkeys(name for item in found.joint.terms for name in item.depends_on))
+    every = (*found.joint.terms, *(item for item in found.ties if item.equation == term.equation))
+    signals = tuple(dict.fromkeys(name for item in every for name in item.depends_on))
     return Unknown(
         term.equation, signals, found.rms, term.unit, formula.text if formula else None,
         effect=" ".join(item.name for item in found.joint.terms), formula_effect=formula.name if formula else None,
@@ -182,7 +204,10 @@ def _unknown(found: Found) -> Unknown:
 def _said(found: Found) -> tuple[str, ...]:
     names = " ".join(f"'{term.name}'" for term in found.joint.terms)
     words = f"a smooth unknown function removes {100 * found.explained:.0f} % of what is left on held-out runs; --add {names}"
+    said: tuple[str, ...] = (words,)
+    if found.ties:
+        said += (f"{', '.join(term.name for term in found.ties)} explains these data about as well",)
     if found.formula is None:
-        return (words,)
+        return said
     formula = found.formula
-    return words, f"its shape is {formula.text} within {100 * formula.error:.0f} % of its size; --add '{formula.name}'"
+    return *said, f"its shape is {formula.text} within {100 * formula.error:.0f} % of its size; --add '{formula.name}'"

@@ -154,9 +154,13 @@ class Formula(UnknownTerm):
                 item = Parameter(name, kind, "1", 0.2, 4.0, start, 0.1, self.reference, prior=1.0)
             elif kind == "s0":
                 room = 10.0 * distance
-                item = Parameter(name, kind, unit, start - room, start + room, start, 0.1 * distance, self.reference, prior=distance)
+                item = Parameter(
+                    name, kind, unit, start - room, start + room, start, 0.1 * distance, self.reference, prior=distance
+                )
             else:
-                item = Parameter(name, kind, unit, 0.5 * start, 2.0 * start, start, 0.05 * start, self.reference, prior=0.5 * start)
+                item = Parameter(
+                    name, kind, unit, 0.5 * start, 2.0 * start, start, 0.05 * start, self.reference, prior=0.5 * start
+                )
             found.append(item)
         return tuple(found)
 
@@ -171,7 +175,9 @@ class Formula(UnknownTerm):
         return found * factor_value(self.term.factor, scope)
 
 
-_NAME = re.compile(r"formula:(?P<equation>\w+)\((?P<shape>\w+)\((?P<on>[a-z0-9]+(?:\*[a-z()]+)?)(?P<numbers>(?:,[-+.eE\d]+)*)\)\)")
+_NAME = re.compile(
+    r"formula:(?P<equation>\w+)\((?P<shape>\w+)\((?P<on>[a-z0-9]+(?:\*[a-z()]+)?)(?P<numbers>(?:,[-+.eE\d]+)*)\)\)"
+)
 
 
 def formula_name(term: Term, shape: str, numbers: Sequence[float]) -> str:

@@ -41,7 +41,7 @@ def compare_report(path: str | Path, comparison: Comparison) -> None:
 def diagnose_report(path: str | Path, comparison: Comparison, diagnosis: Diagnosis, rungs: Sequence[Rung]) -> None:
     """Write the report of a diagnosis: the verdict, the evidence, and the model it started from."""
     parts = [
-        sections.diagnosis_verdict(diagnosis),
+        sections.diagnosis_verdict(diagnosis, comparison.model.rig.patm),
         sections.ladder_section(rungs),
         sections.ranking_section(diagnosis),
         sections.summary(comparison),

@@ -11,6 +11,7 @@ from pneuid.criticism.comparison import Comparison, SignalError
 from pneuid.criticism.diagnosis import Candidate, Diagnosis
 from pneuid.criticism.ladder import Rung
 from pneuid.effects import CATALOGUE
+from pneuid.estimation.curves import Curve
 from pneuid.model import Estimate, Model
 from pneuid.plausibility import check_recordings
 from pneuid.report.decision_figures import (
@@ -25,6 +26,7 @@ from pneuid.report.decision_figures import (
 from pneuid.report.friction_figure import friction_curve
 from pneuid.report.html import Items, Paragraph, Part, Picture, Section, Table
 from pneuid.report.quantities import handy, number, percent, probability, times, with_error
+from pneuid.report.shape_figure import shape_figure
 from pneuid.report.signal_figures import (
     errors_bar,
     errors_of,
@@ -38,6 +40,9 @@ from pneuid.report.style import error_unit
 
 NOISE_LIKE = 1.15
 """Error over noise floor up to which a signal counts as predicted down to the noise."""
+
+ATMOSPHERE = 101325.0
+"""Standard atmosphere, Pa, by which pressures are gauge where no rig is at hand."""
 
 ROLES = {"train": "training", "hold_out": "held-out"}
 
@@ -142,7 +147,8 @@ def parameters(model: Model) -> Section:
         f"Fit: {fit.status}; {fit.solver}, {_count(fit.iterations, 'iteration')}, {number(fit.seconds, 2)} s; "
         f"mean squared weighted residual {number(fit.cost_per_sample)} (1 when only noise is left)."
     )
-    return Section("Parameters", (*parts, table, Paragraph(about)))
+    shapes = tuple(shape(curve, model.rig.patm) for curve in model.curves)
+    return Section("Parameters", (*parts, table, Paragraph(about), *shapes))
 
 
 def _parameter_row(item: Estimate, owned: bool) -> tuple[str, ...]:
@@ -291,8 +297,16 @@ _VERDICTS: dict[str, tuple[str, Literal["good", "warning"]]] = {
 }
 
 
-def diagnosis_verdict(diagnosis: Diagnosis) -> Section:
-    """What is missing, in words, and what to record next."""
+def shape(curve: Curve, patm: float) -> Picture:
+    """An unknown function with its band; ``patm`` is atmospheric pressure, Pa."""
+    caption = f"{curve.effect}: the function where the data visit it, two standard errors either side."
+    if curve.provisional:
+        caption += " The band is that of a relaxed fit."
+    return Picture(shape_figure(curve, patm), f"Unknown function of {curve.signal} in equation {curve.equation}", caption)
+
+
+def diagnosis_verdict(diagnosis: Diagnosis, patm: float = ATMOSPHERE) -> Section:
+    """What is missing, in words, and what to record next; ``patm`` is atmospheric pressure, Pa."""
     words, kind = _VERDICTS.get(diagnosis.verdict, (diagnosis.verdict, "warning"))
     parts: list[Part] = [
         Paragraph(words.replace("NAMES", ", ".join(diagnosis.effects)), "good" if kind == "good" else "warning")
@@ -309,6 +323,8 @@ def diagnosis_verdict(diagnosis: Diagnosis) -> Section:
         parts.append(
             Paragraph(f"Unexplained: {number(rest.rms)} {rest.unit} rms in the {rest.equation} balance{on}{shape}.")
         )
+    if rest is not None and rest.curve is not None:
+        parts.append(shape(rest.curve, patm))
     if diagnosis.sentences:
         parts.append(Items(tuple(f"{text[:1].upper()}{text[1:]}." for text in diagnosis.sentences)))
     following = diagnosis.next_experiment

@@ -21,13 +21,6 @@ def ask(page: Any, name: str) -> None:
     bench = page.bench
     bench.head = None
     bench.look_at_head(name)
-    page.above.clear()
-    with page.above, ui.dialog().props("full-width") as dialog, ui.card().classes("w-full gap-2"):
-        ui.label(f"Columns of {name}").classes("head")
-        inside = ui.column().classes("w-full gap-2")
-        with inside:
-            ui.spinner()
-        waiting = ui.timer(0.1, lambda: ready())
 
     def ready() -> None:
         if bench.head is not None and bench.head.name == name:
@@ -36,6 +29,13 @@ def ask(page: Any, name: str) -> None:
             with inside:
                 _form(page, bench.head, dialog)
 
+    page.above.clear()
+    with page.above, ui.dialog().props("full-width") as dialog, ui.card().classes("w-full gap-2"):
+        ui.label(f"Columns of {name}").classes("head")
+        inside = ui.column().classes("w-full gap-2")
+        with inside:
+            ui.spinner()
+        waiting = ui.timer(0.1, ready)
     dialog.open()
 
 
