@@ -105,28 +105,34 @@ class Batch:
 
 
 _BUILT = threading.local()
+"""Controllers of this thread by the key of their variant: each works in memory of its own and takes a second to build."""
 
 
-def _controller(variant: Variant) -> Controller:
-    """The controller with the formulas' gains, built once per thread: it works in memory of its own."""
-    known: dict[str, Controller] = _BUILT.__dict__.setdefault("controllers", {})
-    if variant.key not in known:
-        model = ControlModel(variant.candidate.plant, variant.candidate.theta)
-        known[variant.key] = build(variant.controller, model, variant.design, refined=False)
-    return known[variant.key]
+def _built() -> dict[str, Controller]:
+    return _BUILT.__dict__.setdefault("controllers", {})
 
 
 def tuned(variant: Variant) -> dict[str, float]:
     """Gains of a variant, refined on its own model where the study asks for it."""
     model = ControlModel(variant.candidate.plant, variant.candidate.theta)
+    # from the formulas' gains, never from those that a controller of this thread was left with
     controller = build(variant.controller, model, variant.design, variant.refined)
+    _built()[variant.key] = controller
     return {name: float(value) for name, value in vars(controller.gains).items()}
+
+
+def _with_gains(variant: Variant, gains: dict[str, float]) -> Controller:
+    known, key = _built(), variant.key
+    if key not in known:
+        model = ControlModel(variant.candidate.plant, variant.candidate.theta)
+        known[key] = build(variant.controller, model, variant.design, refined=False)
+    known[key].retune(type(known[key].gains)(**gains))
+    return known[key]
 
 
 def played(batch: Batch) -> list[dict[str, Any]]:
     """Metrics, signature and, if kept, signals of the batch's loops, as the store holds them."""
-    controller = _controller(batch.variant)
-    controller.retune(type(controller.gains)(**batch.gains))
+    controller = _with_gains(batch.variant, batch.gains)
     plant = ServoPlant(batch.rig.truth, batch.rig.hidden, batch.rig.sensors)
     found: list[dict[str, Any]] = []
     for seed in batch.seeds:

@@ -42,8 +42,8 @@ def test_every_spline_stands_in_a_plant_and_vanishes_when_off(name):
     effect = effects_by_name([name])[0]
     plant, base = Plant(rig(kind), "lugre", [effect]), Plant(rig(kind), "lugre")
     rng = np.random.default_rng(1)
-    s = np.array([0.25, 0.05, 4e5, 3e5, 1e-5]) if kind == "servo" else np.array([1e-5])
-    w = np.array([1.5, 7e5]) if kind == "servo" else np.array([0.25, 0.05, 0.3, 4e5, 3e5])
+    s = np.array([0.31, 0.05, 4e5, 3e5, 1e-5]) if kind == "servo" else np.array([1e-5])
+    w = np.array([1.5, 7e5]) if kind == "servo" else np.array([0.31, 0.05, 0.3, 4e5, 3e5])
     off, on = values_of(plant), values_of(plant)
     on |= {item: 5.0 * effect.term.size(rig()) * rng.uniform(0.5, 1.0) * (1 + k) for k, item in enumerate(effect.amplitudes)}
 

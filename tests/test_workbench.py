@@ -355,6 +355,18 @@ def test_a_million_samples_keep_their_extremes():
     assert np.isnan(shown).sum() >= 1 and np.nanmax(shown) == 9.0
 
 
+def test_what_was_refitted_and_rejected_is_in_the_ranking():
+    from pneuid.workbench.charts import ranking_chart
+
+    ranking = [{"effect": f"e{k}", "screen_gain": 0.1 / (k + 1), "hold_out_error_ratio": None} for k in range(20)]
+    ranking.append({"effect": "tried", "screen_gain": 0.001, "hold_out_error_ratio": 1.2, "excess_explained": -0.3,
+                    "p_value": 0.4})  # fmt: skip
+    figure = ranking_chart({"verdict": "unknown", "effects": [], "ranking": ranking}, look.LIGHT)
+    assert figure["layout"]["yaxis"]["categoryarray"][-1] == "tried"
+    assert [trace["name"] for trace in figure["data"] if "tried" in trace["y"]] == ["rejected", "rejected"]
+    assert figure["layout"]["annotations"][0]["text"].startswith("1.20, explains 0 %")
+
+
 # --- jobs ---
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +26,10 @@ NODE_SECONDS = 0.02
 
 MISFIT = 1.2
 """Mean squared weighted residual above which standard errors are widened by its root, and the status says so."""
+
+
+SOFTER = {"sigma0": 0.3, "sigma1": 0.6, "vs": 2.0}
+"""Another start of the pre-sliding parameters, relative to the first, tried where that one does not lead to an exact fit."""
 
 
 @dataclass(frozen=True)
@@ -123,18 +127,64 @@ def fit(
     _check_runs(plant, recordings)
     levels = dict(noise) if noise is not None else noise_of(plant.rig, recordings)
     runs = tuple(prepared) if prepared is not None else tuple(prepare(run, plant, levels) for run in recordings)
-    problem, soft = _relaxed_fit(plant, recordings, runs, start or {}, monitor)
-    interrupted = soft.outcome.status == INTERRUPTED
-    hard = None
-    if exact and not interrupted and problem.relaxation == TIGHT and soft.level < DEFECT_GATE:
-        try:
-            hard = exact_stage(problem, soft.outcome, monitor)
-        except KeyboardInterrupt:
-            interrupted = True
-    found = _result(problem, levels, soft, hard, time.monotonic() - began)
-    if interrupted:
+    ends: list[_End] = []
+    for one in _starts(plant, runs, start or {}, exact):
+        problem, soft = _relaxed_fit(plant, recordings, runs, one, monitor)
+        ends.append(_exact_end(problem, soft, monitor) if exact else _End(problem, soft))
+        if ends[-1].interrupted or ends[-1].hard is not None or (not one and not ends[-1].near):
+            break  # from the data's own guess a model that ends far off is wrong, not badly started
+    best = min(ends, key=lambda end: (end.hard is None, end.soft.loose_cost))
+    found = _result(best.problem, levels, best.soft, best.hard, time.monotonic() - began)
+    if ends[-1].interrupted:
         raise Interrupted(replace(found, converged=False, status=f"interrupted, best so far; {found.status}"))
     return found
+
+
+@dataclass(frozen=True)
+class _End:
+    """Where one start has led."""
+
+    problem: Shooting
+    soft: Relaxed
+    hard: Exact | None = None
+    interrupted: bool = False
+
+    @property
+    def near(self) -> bool:
+        """Whether the relaxed fit came near enough for the exact stage."""
+        return self.problem.relaxation == TIGHT and self.soft.level < DEFECT_GATE
+
+
+def _exact_end(problem: Shooting, soft: Relaxed, monitor: Monitor | None) -> _End:
+    """The exact stage, where the relaxed one came near enough."""
+    if soft.outcome.status == INTERRUPTED:
+        return _End(problem, soft, interrupted=True)
+    end = _End(problem, soft)
+    if not end.near:
+        return end
+    try:
+        return replace(end, hard=exact_stage(problem, soft.outcome, monitor))
+    except KeyboardInterrupt:
+        return replace(end, interrupted=True)
+
+
+def _starts(
+    plant: Plant, runs: Sequence[Run], start: Mapping[str, float], exact: bool
+) -> Iterator[Mapping[str, float]]:
+    """Values to start from: the given ones over the data's guess; where they do not lead to an exact fit, others.
+
+    A bad start ends in a local minimum, mostly of the pre-sliding parameters, from which no step leads out. Warm refits, which
+    do not ask for the exact stage, start near their end already.
+    """
+    yield start
+    if not exact:
+        return
+    if start:
+        yield {}
+    guess = first_guess(plant, runs, motions(runs)) | dict(start)
+    softer = {name: guess[name] * share for name, share in SOFTER.items() if name in guess and not plant.law.static}
+    if softer:
+        yield dict(start) | softer
 
 
 def _relaxed_fit(

@@ -107,8 +107,8 @@ COLORS = {"accepted": ACCEPTED, "cannot be told apart": FREE_RUN, "rejected": RE
 
 
 def ranking_chart(diagnosis: Mapping[str, Any], ink: Ink, most: int = 12) -> Figure:
-    """Candidates, best first: predicted drop of the cost, and what the held-out runs said of those refitted."""
-    rows = list(diagnosis["ranking"])[:most]
+    """Candidates, those refitted first: predicted drop of the cost, and what the held-out runs said of those refitted."""
+    rows = sorted(diagnosis["ranking"], key=lambda item: item["hold_out_error_ratio"] is None)[:most]
     names = [item["effect"] for item in rows]
     data: list[dict[str, Any]] = []
     for words, color in COLORS.items():

@@ -120,6 +120,7 @@ class Page:
 
     def _turn(self) -> None:
         self.dark.value = not self.dark.value
+        self.again = None
         self.show(self.view)
 
     def _key(self, event: KeyEventArguments) -> None:
@@ -132,9 +133,12 @@ class Page:
             self.bench.cancel()
 
     def show(self, view: str) -> None:
-        """Draw a view from the state as it is now."""
-        self.view = view
+        """Show a view from the state as it is now."""
         self._revision = self.bench.revision
+        if view == self.view and self.again is not None:
+            self.again()
+            return
+        self.view = view
         self.ticks.clear()
         self.again = None
         self.content.clear()
@@ -147,11 +151,7 @@ class Page:
 
     def _tick(self) -> None:
         if self.bench.revision != self._revision:
-            self._revision = self.bench.revision
-            if self.again is not None:
-                self.again()
-            else:
-                self.show(self.view)
+            self.show(self.view)
         for number, message, kind in list(self.bench.said):
             if number > self._said:
                 self._said = number

@@ -152,14 +152,14 @@ class _Clouds:
         run, memory = self.run, self.page.memory
         memory.setdefault("against", "v")
         with ui.row().classes("w-full no-wrap gap-2"):
-            with ui.column().classes("panel gap-0").style("width:50%;padding:4px 8px"):
+            with ui.column().classes("panel gap-0").style("flex:1 1 0;min-width:0;overflow:hidden;padding:4px 8px"):
                 with ui.row().classes("items-center gap-2"):
                     ui.label(f"Error of {self.signal} against").classes("soft")
                     ui.select(list(run.features), value=memory["against"], on_change=self._against).props(
                         'dense options-dense borderless aria-label="signal to plot against"'
                     )
                 self.residual = chart(self._residual(span), "190px", "residual")
-            with ui.column().classes("panel gap-0").style("width:50%;padding:4px 8px"):
+            with ui.column().classes("panel gap-0").style("flex:1 1 0;min-width:0;overflow:hidden;padding:4px 8px"):
                 ui.label("Phase plane: speed over position").classes("soft").style("line-height:40px")
                 self.phase = chart(self._phase(span), "190px", "phase")
 
