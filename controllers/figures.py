@@ -9,7 +9,8 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
+from matplotlib.axis import Axis
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
@@ -21,6 +22,7 @@ from controllers.tables import chosen, label_of, largest, rms, variants
 _PALETTE = ("#8c8c8c", "#e69f00", "#009e73", "#d62728", "#b48ade", "#1f4e9c")
 _COLOURS = dict(zip(CONTROLLERS, _PALETTE, strict=True))
 _HATCHES = ("", "///", "...", "xxx")
+_HEAT = LinearSegmentedColormap.from_list("heat", ["#7cc58d", "#f7f3c4", "#e8735a"])
 _DASHES = ("-", "--", ":", "-.")
 DPI = 110
 
@@ -47,16 +49,16 @@ def draw_errors(axes: Axes, results: Sequence[Result], reference: str, patm: flo
         )  # fmt: skip
     axes.set_xticks(range(len(supplies)), _bars(supplies, patm))
     axes.set(yscale="log", title=reference, xlabel="supply pressure [bar gauge]", ylabel="RMS tracking error [mm]")
-    _plain_ticks(axes)
+    _plain_ticks(axes.yaxis)
     axes.grid(visible=True, axis="y", alpha=0.3)
     return axes
 
 
-def _plain_ticks(axes: Axes) -> None:
+def _plain_ticks(axis: Axis) -> None:
     """A log axis marked 0.1, 0.2, 0.5, 1 and so on; no words for what lies between."""
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(FormatStrFormatter("%g"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _finite(value: float) -> float:
@@ -127,7 +129,7 @@ def draw_map(axes: Axes, values: np.ndarray, rows: Sequence[str], columns: Seque
     axes.set_facecolor("black")
     if known.size:
         low, high = float(known.min()), float(max(known.max(), 1.001 * known.min()))
-        axes.imshow(np.ma.masked_invalid(values), cmap="RdYlGn_r", norm=LogNorm(low, high), aspect="auto")
+        axes.imshow(np.ma.masked_invalid(values), cmap=_HEAT, norm=LogNorm(low, high), aspect="auto")
     for i, j in np.ndindex(values.shape):
         words = f"{values[i, j]:.{digits}f}" if np.isfinite(values[i, j]) else "-"
         axes.text(j, i, words, ha="center", va="center", fontsize=8, color="black" if words != "-" else "white")
@@ -173,9 +175,9 @@ def pressure_figure(results: Sequence[Result], patm: float) -> Figure:
         right.plot(efforts, errors, **style)
     left.set(yscale="log", xlabel="supply pressure [bar gauge]", ylabel="RMS error over all references [mm]")
     left.set_xticks([(at - patm) / 1e5 for at in supplies], _bars(supplies, patm))
-    _plain_ticks(left)
+    _plain_ticks(left.yaxis)
     right.set_xscale("log")
-    right.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+    _plain_ticks(right.xaxis)
     right.set(xlabel="valve movement, mean over references [V/s]")
     for axes in (left, right):
         axes.grid(visible=True, which="both", alpha=0.25)
@@ -188,7 +190,7 @@ def price_figure(results: Sequence[Result], patm: float) -> Figure:
     effects = list(dict.fromkeys(result.condition for result in results))
     controllers = list(dict.fromkeys(result.controller for result in results))
     supplies = sorted({result.supply for result in results})
-    figure = Figure(figsize=(5.2 * len(controllers), 1.8 + 0.42 * len(effects)), layout="constrained")
+    figure = Figure(figsize=(5.2 * len(controllers), 2.1 + 0.42 * len(effects)), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(controllers), sharex=True, sharey=True))
     colours = mpl.colormaps["viridis"](np.linspace(0.15, 0.85, len(supplies)))
     for axes, controller in zip(panels, controllers, strict=True):
@@ -204,10 +206,13 @@ def price_figure(results: Sequence[Result], patm: float) -> Figure:
         axes.set(
             xscale="log", title=CONTROLLERS[controller].label, xlabel="RMS error [mm]; hollow: effect not in the model"
         )
+        _plain_ticks(axes.xaxis)
         axes.set_yticks(range(len(effects)), effects)
         axes.grid(visible=True, which="both", axis="x", alpha=0.25)
     panels[0].invert_yaxis()
-    panels[0].legend(fontsize="small")
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(supplies), fontsize="small"
+    )
     return figure
 
 
@@ -229,5 +234,5 @@ def save_figures(results: Sequence[Result], title: str, patm: float, folder: Pat
     paths = []
     for name, figure in figures.items():
         paths.append(folder / f"{name}.png")
-        figure.savefig(paths[-1], dpi=DPI)
+        figure.savefig(paths[-1], dpi=80 if name == "tracking" else DPI)  # noise does not compress
     return paths

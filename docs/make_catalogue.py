@@ -11,13 +11,16 @@ from pneuid.effects.__main__ import demonstration_rig
 from pneuid.physics.friction import LAWS
 
 PAGE = Path(__file__).with_name("catalogue.md")
+PICTURES = PAGE.parent / "figures" / "catalogue"
 
 _HEAD = """# The catalogue of physical effects
 
 Written by `python docs/make_catalogue.py` from the effects' own declarations; do not edit. Numbers are those of the
 demonstration rig (32 mm bore, 500 mm stroke). An amplitude is switched off at its off-value; a *shape* means nothing while
 the amplitudes are off.
-`python -m pneuid.effects NAME --out DIR` draws the signature of one effect.
+Pictures: the base model beside the model with the effect at its typical size, in the experiment that shows it most, and the
+difference; the grey band is what the sensors hide. `python -m pneuid.effects NAME --out DIR` draws one larger,
+`python docs/make_figures.py --catalogue` all of them.
 """
 
 
@@ -37,10 +40,13 @@ def _section(effect: Effect) -> str:
         typical = item.start if item.off is None else item.scale
         bounds = f"{item.lower:.3g} .. {item.upper:.3g}"
         rows.append(f"| `{item.name}` | {item.symbol} | {item.unit} | {bounds} | {off} | {typical:.3g} |")
+    picture = PICTURES / f"{effect.name}.png"
+    shown = f"![Signature of {effect.name}]({picture.relative_to(PAGE.parent).as_posix()})\n" if picture.exists() else ""
     confused = ", ".join(f"`{name}`" for name in effect.confused_with) or "none"
     words = " ".join(inspect.cleandoc(effect.__doc__ or "").replace("``", "`").split())
     return "\n".join([
         f"### `{effect.name}`\n", f"{effect.mechanism[0].upper()}{effect.mechanism[1:]}. {words}\n", *rows, "",
+        *filter(None, [shown]),
         f"Equation `{effect.equation}`, {' and '.join(effect.rigs)} rigs. Revealed by: {effect.experiment}.",
         f"Easily confused with: {confused}. Source: {effect.reference}.\n",
     ])  # fmt: skip

@@ -13,6 +13,7 @@ from pneuid import model as model_file
 from pneuid.criticism import decision
 from pneuid.criticism.comparison import Comparison, compare, frozen
 from pneuid.criticism.diagnosis import Diagnosis
+from pneuid.criticism.experiment import for_verdict
 from pneuid.criticism.frames import notebook_html
 from pneuid.criticism.prediction import predict_free
 from pneuid.criticism.trust import trust
@@ -213,8 +214,15 @@ def diagnose(
         fitted = None
     base = fitted or refitted(IdentifiedModel(model.content), train, monitor)
     own = {effect.name: effect for effect in (*model.content.own, *own_of(effect_files))}
-    found = decision.diagnose(base, held, CATALOGUE | own | LAW_STEPS, monitor, say)
-    return explained(found, base, held, say)
+    candidates = CATALOGUE | own | LAW_STEPS
+    found = explained(decision.diagnose(base, held, candidates, monitor, say), base, held, say)
+    if found.diagnosis.verdict == "ambiguous":
+        say("looking for the recording that tells the candidates apart")
+    experiment = for_verdict(found, base, candidates, monitor)
+    if experiment is None:
+        return found
+    proposed = {"why": experiment.why, "file": None, "power": experiment.power}
+    return replace(found, diagnosis=replace(found.diagnosis, next_experiment=proposed, command=experiment.command))
 
 
 def _same_runs(fitted: Fit | None, runs: Sequence[Recording]) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -15,6 +16,7 @@ from pneuid.criticism.ladder import to_json
 from pneuid.errors import UserError
 from pneuid.report.reports import diagnose_report
 from pneuid.report.summary import verdict_lines
+from pneuid.rig import Rig
 from pneuid.story import demo_files, demo_runs, read_runs
 from pneuid.terminal import (
     CommandParser,
@@ -66,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         found = api.diagnose(model, runs, held, progress.monitor, progress.doing, given.effect_file)
         progress.doing("comparing the model as it was with the recordings")
         comparison = model.compare(runs, held)
-    diagnosis = found.diagnosis
+    diagnosis = _with_command_file(found.diagnosis, model.content.rig, folder)
     diagnose_report(folder / "report.html", comparison, diagnosis, found.rungs)
     write_json(folder / "diagnosis.json", {**diagnosis.to_dict(), "rungs": to_json(found.rungs)})
     console = Console(highlight=False, markup=False, soft_wrap=True)
@@ -79,6 +81,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         console.print("or, from measurement to control: python -m controllers.study --chain")
 
 
+def _with_command_file(diagnosis: Diagnosis, rig: Rig, folder: Path) -> Diagnosis:
+    """The diagnosis with the command of the next experiment written beside it."""
+    if diagnosis.command is None or diagnosis.next_experiment is None:
+        return diagnosis
+    text = diagnosis.command.csv(rig.patm, rig.pressure_convention == "gauge")
+    (folder / "next.csv").write_text(text, encoding="utf-8")
+    return replace(diagnosis, next_experiment={**diagnosis.next_experiment, "file": "next.csv"})
+
+
 def _next(
     diagnosis: Diagnosis, path: Path, files: tuple[Sequence[str], Sequence[str]], folder: Path, own: Sequence[str]
 ) -> str:
@@ -86,6 +97,8 @@ def _next(
         return f"nothing is left to add; {path} is ready for use"
     unknown = diagnosis.unknown.effect if diagnosis.verdict == "unknown" and diagnosis.unknown else None
     if diagnosis.verdict != "effect" and unknown is None:
+        if diagnosis.command is not None:
+            return f"play {folder / 'next.csv'} on the rig, and diagnose again with that recording among --data"
         return "look at the report, then record what it asks for"
     out = next_folder(path.parent, f"{path.parent.name}_better")
     return command_line(

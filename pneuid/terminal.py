@@ -13,15 +13,16 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn, Self
+from typing import TYPE_CHECKING, Any, NoReturn, Self
 
 from rich.console import Console
 from rich.markup import escape
 
 from pneuid.errors import ComputationError, UserError
-from pneuid.plausibility import check_recordings
-from pneuid.recording import Recording
-from pneuid.rig import Rig
+
+if TYPE_CHECKING:
+    from pneuid.recording import Recording
+    from pneuid.rig import Rig
 
 DEMO_ROOT = "pneuid-demo"
 
@@ -99,6 +100,8 @@ class Progress:
 
 def warn(rig: Rig, recordings: Sequence[Recording]) -> None:
     """Say on stderr what the sanity checks suspect of the recordings, a line each; nothing is changed."""
+    from pneuid.plausibility import check_recordings  # noqa: PLC0415 - brings scipy.signal, which not every command needs
+
     console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     for finding in check_recordings(rig, recordings):
         console.print(f"warning: {finding.line}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -107,7 +108,7 @@ def test_an_address_without_a_scheduler_is_named(monkeypatch):
 
 
 def test_without_the_extra_the_scheduler_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UserError, match=r"pneuid\[cluster\]"), open_pool(scheduler="tcp://127.0.0.1:9"):
         pass
 

@@ -22,7 +22,7 @@ STAND = {"sensors": {"x": "0.3 um", "p1": "0.5 kPa", "p2": "0.5 kPa"}}
 
 def shown() -> str:
     """The code block of the docs."""
-    return re.findall(r"```python\n(.*?)```", DOC.read_text(encoding="utf-8"), re.S)[0]
+    return re.findall(r"```python\n(.*?)```", DOC.read_text(encoding="utf-8"), re.DOTALL)[0]
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ SLIPS = {
     "taken": (None, "the name is taken"),
     "no port": (None, "enters no equation"),
     "equation": (None, "choose one of valve"),
-    "misspelt signal": (None, "line 12: AttributeError"),
+    "misspelt signal": (None, "line 11: AttributeError"),
     "not off": (None, "does not vanish at its off-values"),
 }
 CHANGES = {

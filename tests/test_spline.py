@@ -22,7 +22,7 @@ from pneuid.model import load, model_of
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.report.shape_figure import shape_figure
-from pneuid.virtual_rig import ATMOSPHERE, Friction, Hidden, TruthBench, record_bench, strokes
+from pneuid.virtual_rig import ATMOSPHERE, Friction, Hidden, TruthBench, record_bench, sine
 
 STAND = rig("bench", {"sensors": {"x": "0.3 um", "p1": "0.5 kPa", "p2": "0.5 kPa"}})
 NAMES = [f"spline:{equation}({signal})" for equation, signals in SIGNALS_OF.items() for signal in signals]
@@ -84,37 +84,39 @@ def test_a_name_has_one_form_and_travels_to_other_processes():
 
 
 @pytest.fixture(scope="module")
-def magnet() -> tuple[api.IdentifiedModel, Recording, float]:
-    """A bench with a magnet towards mid-stroke, fitted with an unknown force over x."""
-    motion = strokes(speeds=(0.05, 0.03), longest=1.0, dwell=0.1)
+def spring() -> tuple[api.IdentifiedModel, Recording, float]:
+    """A bench that pulls a hardening spring, fitted with an unknown force over x."""
+    motion = sine(amplitude=0.09, frequency=0.5, cycles=2)
     record = record_bench(
-        TruthBench(friction=Friction()), 3e5 + ATMOSPHERE, 2e5 + ATMOSPHERE, motion, Hidden(magnetic_detent=15.0), 3
+        TruthBench(friction=Friction()), 3e5 + ATMOSPHERE, 2e5 + ATMOSPHERE, motion, Hidden(load_spring=60.0), 3
     )
     run = Recording.from_arrays("b.csv", STAND, **record)
     before = api.fit(STAND, [run])
-    after = api.fit(STAND, [run], add=["spline:force(x,14)"])
+    after = api.fit(STAND, [run], add=["spline:force(x,6)"])
     return after, run, before.content.fit.cost_per_sample
 
 
-def test_an_unknown_force_is_fitted_with_its_band(magnet):
-    model, _, before = magnet
+def test_an_unknown_force_is_fitted_with_its_band(spring):
+    model, _, before = spring
     assert model.content.fit.cost_per_sample < 0.2 * before
     shape = model.content.curves[0]
-    assert shape.effect == "spline:force(x,14)" and shape.unit == "N" and not shape.provisional
+    assert shape.effect == "spline:force(x,6)" and shape.unit == "N" and not shape.provisional
     value, std = np.array(shape.value), np.array(shape.std)
-    assert np.ptp(value) > 10.0 and np.all(std > 0.0) and np.median(std) < 0.2 * np.ptp(value)
+    # 60 N/m over 0.18 m, and the spring hardens; against extension
+    assert np.ptp(value) == pytest.approx(60.0 * 0.18, rel=0.2) and value[0] > value[-1]
+    assert np.all(std > 0.0) and np.median(std) < 0.1 * np.ptp(value)
     effect = effects_by_name([shape.effect])[0]
     part = [model.values[name] for name in effect.amplitudes]
-    again = curve(Term("force", "x", knots=14), part, {**model.content.ranges, "patm": STAND.patm}, np.array(shape.at))
+    again = curve(Term("force", "x", knots=6), part, {**model.content.ranges, "patm": STAND.patm}, np.array(shape.at))
     np.testing.assert_allclose(again, value, rtol=1e-9, atol=1e-9)
     assert shape_figure(shape, STAND.patm).axes[0].get_xlabel().startswith("x")
 
 
-def test_it_is_saved_loaded_and_simulated(magnet, tmp_path):
-    model, run, _ = magnet
+def test_it_is_saved_loaded_and_simulated(spring, tmp_path):
+    model, run, _ = spring
     model.save(tmp_path / "model.json")
     again = load(tmp_path / "model.json")
-    assert again.curves == model.content.curves and again.effects == ("spline:force(x,14)",)
+    assert again.curves == model.content.curves and again.effects == ("spline:force(x,6)",)
     force = api.load(tmp_path / "model.json").simulate(run)["F"]
     np.testing.assert_array_equal(force, model.simulate(run)["F"])
     assert np.sqrt(np.mean((force - run.signals["F"]) ** 2)) < 1.0

@@ -44,8 +44,10 @@ NARROW, WIDE = (1280, 800), (1920, 1080)
 MISFITS = """
 const found = [], wide = document.documentElement.clientWidth, shown = e => e.getClientRects().length > 0;
 if (document.documentElement.scrollWidth > wide) found.push(`the page is ${document.documentElement.scrollWidth} px wide`);
-for (const e of document.querySelectorAll(".panel, .js-plotly-plot, button, table, th, td, label, .nicegui-label, .q-field")) {
-  if (!shown(e)) continue;
+const speaks = e => [...e.childNodes].some(node => node.nodeType === Node.TEXT_NODE && node.data.trim());
+for (const e of document.querySelectorAll(".bar *, [role=main] *, .q-dialog *")) {
+  const counts = speaks(e) || e.matches(".panel, table, .js-plotly-plot");
+  if (!counts || !shown(e) || e.closest("svg, .q-uploader__input, .sr-only")) continue;
   const box = e.getBoundingClientRect(), name = e.dataset.testid || e.innerText.slice(0, 40) || e.className;
   if (box.right > wide + 1 || box.left < -1) found.push(`${name}: leaves the window`);
   const cut = e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).overflowX !== "visible";

@@ -113,7 +113,11 @@ def frozen_fit(found: Fit) -> Frozen:
 def refit(
     base: Fit, effects: Sequence[Effect], start: dict[str, float], order: Sequence[str], monitor: Monitor | None
 ) -> Fit:
-    """Fit the base model's effects plus ``effects``, warm from the base's values; ``start`` for the new parameters."""
+    """Fit the base model's effects plus ``effects``, warm from the base's values and nodes; ``start`` as screened.
+
+    It starts half way to the screened values: what the base is linear in gets there in one step anyway, and beyond the linear
+    range the whole way may overshoot into another minimum. Nodes from the data are the second try.
+    """
     position = {name: i for i, name in enumerate(order)}
     law, values = base.plant.law.name, {**base.values, **start}
     for step in (effect for effect in effects if effect.richer_law):
@@ -121,17 +125,29 @@ def refit(
     standing = [*base.plant.effects, *(effect for effect in effects if not effect.richer_law)]
     every = sorted(standing, key=lambda effect: position.get(effect.name, len(position)))
     plant = Plant(base.plant.rig, law, every)
+    off = {item.name: item.off for item in plant.parameters if item.off is not None}
+    halfway = {name: 0.5 * (value + off[name]) for name, value in start.items() if name in off}
     values = {name: value for name, value in values.items() if name in plant.parameter_names}
+    warm = _warm(base, plant, values | halfway, monitor) if law == base.plant.law.name else None
+    if warm is not None and warm.loose_cost < base.loose_cost:
+        return warm
     recordings = [run.recording for run in base.runs]
-    return fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs)
+    cold = fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs)
+    return cold if warm is None or cold.loose_cost < warm.loose_cost else warm
+
+
+def _warm(base: Fit, plant: Plant, values: dict[str, float], monitor: Monitor | None) -> Fit:
+    """Fit of ``plant`` from ``values`` and the base's nodes."""
+    nodes = dict(zip(base.plant.states, base.problem.split(base.relaxed.X)[1], strict=True))
+    known = {name: row for name, row in nodes.items() if name in plant.states}
+    recordings = [run.recording for run in base.runs]
+    return fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs, nodes=known)
 
 
 def without(base: Fit, name: str, monitor: Monitor | None) -> Fit:
     """Fit without one of the effects, warm from the values that remain."""
     plant = Plant(base.plant.rig, base.plant.law.name, [effect for effect in base.plant.effects if effect.name != name])
-    values = {key: base.values[key] for key in plant.parameter_names}
-    recordings = [run.recording for run in base.runs]
-    return fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs)
+    return _warm(base, plant, {key: base.values[key] for key in plant.parameter_names}, monitor)
 
 
 def diagnose(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from pneuid.criticism.frames import notebook_html
@@ -56,6 +57,23 @@ class Unknown:
 
 
 @dataclass(frozen=True)
+class Command:
+    """What to play on a servo rig: times (s), valve command (V), supply (Pa absolute), position the models expect (m), (N,)."""
+
+    t: np.ndarray
+    u: np.ndarray
+    supply: np.ndarray
+    x: np.ndarray
+
+    def csv(self, patm: float, gauge: bool) -> str:
+        """The command file; the supply in the rig's convention, ``patm`` (Pa) is atmospheric pressure."""
+        psup = 1e-3 * (self.supply - (patm if gauge else 0.0))
+        columns = zip(self.t, self.u, psup, 1e3 * self.x, strict=True)
+        rows = (f"{t:.6g},{u:.5f},{p:.2f},{x:.3f}" for t, u, p, x in columns)
+        return "\n".join(["t [s],u [V],psup [kPa],x_expected [mm]", *rows, ""])
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """Verdict ``adequate``, ``effect``, ``ambiguous`` or ``unknown`` with its evidence."""
 
@@ -65,6 +83,8 @@ class Diagnosis:
     unknown: Unknown | None = None
     next_experiment: dict[str, Any] | None = None
     sentences: tuple[str, ...] = field(default=())
+    command: Command | None = field(default=None, compare=False)
+    """What the next experiment plays; the command writes it to the file that ``next_experiment`` names."""
 
     def to_dict(self) -> dict[str, Any]:
         """The content of diagnosis.json."""

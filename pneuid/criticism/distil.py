@@ -59,7 +59,7 @@ def distilled(term: Term, curve: Curve, fit: Fit) -> Distilled | None:
     if best is None:
         return None
     error, kind, numbers, amplitudes = best
-    return Distilled(formula_name(term, kind, numbers), _text(term, kind, numbers, amplitudes), error)
+    return Distilled(formula_name(term, kind, numbers.tolist()), _text(term, kind, numbers, amplitudes), error)
 
 
 def _weight(term: Term, at: np.ndarray, std: np.ndarray, fit: Fit) -> np.ndarray:
@@ -94,10 +94,14 @@ def _fitted(
     low = np.array([{"s0": -0.6, "n": 0.3}.get(name, 0.02) for name in shape.numbers])
     high = np.array([{"s0": 0.6, "n": 3.5, "L": 1.0 / WAVES[0]}.get(name, 1.0) for name in shape.numbers])
     grid = sorted(_starts(shape.numbers), key=lambda z: float(np.sum(solved(np.array(z))[0] ** 2)))
-    found = [least_squares(lambda z: solved(z)[0], np.clip(z, low, high), bounds=(low, high), max_nfev=40) for z in grid[:STARTS]]
+
+    def distance(z: np.ndarray) -> np.ndarray:
+        return solved(z)[0]
+
+    found = [least_squares(distance, np.clip(z, low, high), bounds=(low, high), max_nfev=40) for z in grid[:STARTS]]
     best = min(found, key=lambda item: float(item.cost))
-    distance, amplitudes = solved(best.x, shape.amplitudes)
-    return float(np.linalg.norm(distance)), shift + scale * best.x, amplitudes
+    left, amplitudes = solved(best.x, shape.amplitudes)
+    return float(np.linalg.norm(left)), shift + scale * best.x, amplitudes
 
 
 def _starts(numbers: Sequence[str]) -> Iterator[tuple[float, ...]]:
@@ -113,13 +117,16 @@ def _starts(numbers: Sequence[str]) -> Iterator[tuple[float, ...]]:
 # --- words ---
 
 _SHOWN = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "Pa": ("kPa", 1e-3), "1": ("", 1.0)}
-_VALUES = {"kg/s": ("g/s", 1e3), "Pa/s": ("kPa/s", 1e-3), "m": ("um", 1e6), "Pa": ("kPa", 1e-3), "1": ("", 1.0), "N": ("N", 1.0)}
+_VALUES = {
+    "kg/s": ("g/s", 1e3), "Pa/s": ("kPa/s", 1e-3), "m": ("um", 1e6), "Pa": ("kPa", 1e-3), "1": ("", 1.0), "N": ("N", 1.0),
+}  # fmt: skip
 
 
 def _text(term: Term, kind: str, numbers: np.ndarray, amplitudes: np.ndarray) -> str:
     """The formula for people, pressures absolute."""
     unit, factor = _SHOWN[UNITS[term.signal][0]]
-    shown = [f"{value * (1.0 if name == 'n' else factor):.3g}" for name, value in zip(SHAPES[kind].numbers, numbers, strict=True)]
+    named = zip(SHAPES[kind].numbers, numbers, strict=True)
+    shown = [f"{value * (1.0 if name == 'n' else factor):.3g}" for name, value in named]
     length, per = f" {unit}" if unit else "", f"{distance_of(term.signal) * factor:g} {unit}".strip()
     s = term.signal
     words = {

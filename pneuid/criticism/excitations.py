@@ -7,11 +7,12 @@ excitation says in a clause what the engineer will see; none knows an effect by 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
@@ -61,21 +62,21 @@ class Excitation:
     name: str
     says: str
     path: Callable[[Array, Axis], Array]
-    closed: Callable[[Array], NDArray[np.bool_]] = _nowhere
+    closed: Callable[[Array], NDArray[Any]] = _nowhere
     lowered: Callable[[Array], Array] = _steady
 
 
 # --- building blocks ---
 
 
-def _through(s: Array, moments: Sequence[float], places: Sequence[float]) -> Array:
+def _through(s: Array, moments: ArrayLike, places: ArrayLike) -> Array:
     """Straight lines through ``places`` at ``moments``."""
-    return np.asarray(np.interp(s, moments, places), dtype=np.float64)
+    return np.asarray(np.interp(s, np.asarray(moments, dtype=float), np.asarray(places, dtype=float)))
 
 
-def _jumps(s: Array, places: Sequence[float], pause: float = 0.5) -> Array:
+def _jumps(s: Array, places: ArrayLike, pause: float = 0.5) -> Array:
     """From place to place within a share ``1 - pause`` of each leg, by the smoothest polynomial, then rest."""
-    legs = len(places) - 1
+    legs = np.asarray(places).size - 1
     leg = np.clip(np.floor(s * legs), 0, legs - 1).astype(int)
     r = np.clip((s * legs - leg) / (1.0 - pause), 0.0, 1.0)
     here, there = np.asarray(places)[leg], np.asarray(places)[leg + 1]

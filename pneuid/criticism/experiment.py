@@ -8,7 +8,7 @@ the noncentrality of the likelihood ratio; Atkinson, Fedorov, Biometrika 62 (197
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,18 +16,22 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 from scipy.stats import norm
 
+from pneuid.criticism.decision import Verdict, refit
+from pneuid.criticism.diagnosis import Command
 from pneuid.criticism.excitations import LOWER_SUPPLY, SERVO_LIBRARY, Axis, Excitation
+from pneuid.criticism.screening import screen
+from pneuid.effect import Effect
 from pneuid.estimation.curves import relaxed_covariance
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import prepare
 from pneuid.estimation.shooting import Shooting
-from pneuid.estimation.solver import relaxed_system
+from pneuid.estimation.solver import Monitor, relaxed_system
 from pneuid.interval import trajectory_function
 from pneuid.physics.gas import R_AIR, RHO_REFERENCE
 from pneuid.physics.smoothing import COARSE
 from pneuid.recording import Recording
 
-DURATIONS = (6.0, 12.0)
+DURATIONS = (6.0,)
 """Lengths in s that are tried."""
 
 MARGIN = 0.06
@@ -52,18 +56,11 @@ SETTLING = 0.4
 ENOUGH = 0.9
 """Power from which the separation per second counts and not the separation."""
 
+MOST_RIVALS = 3
+"""Candidates of an ambiguous verdict that are told apart."""
+
 NEEDED = 30.0
 """Likelihood ratio (twice the difference of costs) that decides: twice what an effect must gain to be refitted."""
-
-
-@dataclass(frozen=True)
-class Command:
-    """What to play: times (s), valve command (V), supply (Pa absolute) and the position (m) that the models expect, each (N,)."""
-
-    t: np.ndarray
-    u: np.ndarray
-    supply: np.ndarray
-    x: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -110,6 +107,24 @@ def propose(fits: Sequence[Fit], names: Sequence[str]) -> Experiment | None:
     return max(found, key=lambda item: item.separation, default=None)
 
 
+def for_verdict(
+    verdict: Verdict, base: Fit, catalogue: Mapping[str, Effect], monitor: Monitor | None = None
+) -> Experiment | None:
+    """The experiment for an ambiguous verdict: its candidates are fitted and told apart; None for other verdicts."""
+    diagnosis = verdict.diagnosis
+    if diagnosis.verdict != "ambiguous":
+        return None
+    order = list(catalogue)
+    present = {effect.name for effect in verdict.best.plant.effects}
+    effects = [catalogue[name] for name in diagnosis.effects[:MOST_RIVALS] if not catalogue[name].richer_law]
+    starts = {score.effect.name: score.start for score in screen(base, effects, order)}
+    fits = [
+        verdict.best if effect.name in present else refit(base, [effect], starts.get(effect.name, {}), order, monitor)
+        for effect in effects
+    ]  # fmt: skip
+    return propose(fits, [effect.name for effect in effects])
+
+
 class _Rival:
     """One fitted model, made ready to be played and to be fitted to what another one would show."""
 
@@ -154,12 +169,11 @@ class _Rival:
         K = self.hold
         states = np.full((len(self.plant.states), u.size), np.nan)
         s = self.rest(start, float(supply[0]))
-        for k in range(0, u.size - K, K):
+        for k in range(0, u.size, K):
             passed = self._moved(s, u, supply, k)
             states[:, k : k + K], s = passed[:, :K], passed[:, K]
             if not np.all(np.isfinite(s)):
-                return states
-        states[:, k + K :] = s[:, None]
+                break
         return states
 
     def _moved(self, s: np.ndarray, u: np.ndarray, supply: np.ndarray, k: int) -> np.ndarray:
@@ -169,7 +183,8 @@ class _Rival:
         data[0] = self.dt
         for row, values in enumerate((u, supply)):
             data[1 + row] = values[k : k + K]
-            data[1 + len(plant.inputs) + row] = np.diff(values[k : k + K + 1]) / self.dt
+            after = values[min(k + K, values.size - 1)]
+            data[1 + len(plant.inputs) + row] = np.diff(values[k : k + K], append=after) / self.dt
         return np.asarray(self.piece(s, data, self.theta)[1])
 
     @property
@@ -200,7 +215,11 @@ class _Rival:
         H = hessian + known
         end, cost = problem.evaluate_values(X)
         total = cost + 0.5 * float(np.sum((problem.defects(end, X) / problem.relaxation) ** 2))
-        total += 0.5 * float(np.sum(problem.prior_residual(X) ** 2))
+        # the parameters' weak priors are in what is known already
+        index, _, inverse = problem.priors
+        twice, pull = index < problem.nq, problem.prior_residual(X)
+        gradient[index[twice]] -= pull[twice] * inverse[twice]
+        total += 0.5 * float(np.sum(pull[~twice] ** 2))
         step = splu((H + sp.diags(1e-9 * H.diagonal() + 1e-12)).tocsc()).solve(gradient)
         return max(2.0 * (total - 0.5 * float(gradient @ step)), 0.0)
 
@@ -213,7 +232,7 @@ def _axis(rival: _Rival) -> Axis:
 def _playable(rivals: Sequence[_Rival], excitation: Excitation, seconds: float) -> tuple[Command, list[np.ndarray]] | None:
     """The command by which the first rival follows the excitation, small enough for all, and what each does under it."""
     first, rig = rivals[0], rivals[0].plant.rig
-    t = np.arange(round((SETTLING + seconds) / first.dt)) * first.dt
+    t = np.arange(round((SETTLING + seconds) / first.dt) // first.hold * first.hold) * first.dt
     moving = np.maximum(t - SETTLING, 0.0)
     share, axis = moving / moving[-1], _axis(first)
     path, closed = excitation.path(moving, axis), excitation.closed(share) & (t > SETTLING)

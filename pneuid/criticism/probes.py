@@ -50,7 +50,7 @@ class Probe(Effect):
     name, equation, mechanism = "probe", "force", "a value of its own in every interval is added to every equation"
     reference, experiment = "score test, Rao, Proc. Cambridge Phil. Soc. 44 (1948) 50", ""
 
-    def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
+    def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:  # noqa: ARG002 - the same for every law
         """One amplitude per equation."""
         names = SERVO_PROBES if rig.kind == "servo" else BENCH_PROBES
         return tuple(

@@ -24,8 +24,15 @@ from pneuid.estimation.preparation import prepare
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 
-SERVO_TERMS = ["force(x)", "force(x*v)", "force(p1)", "force(p2)", "force(dp)", "friction(v)", "friction(x)", "friction(p1)", "friction(p2)", "friction(dp)", "flow_1(p1)", "flow_1(p2)", "flow_1(dp)", "flow_1(x)", "flow_1(x*dp)", "flow_1(v)", "flow_1(u)", "flow_2(p1)", "flow_2(p2)", "flow_2(dp)", "flow_2(x)", "flow_2(x*dp)", "flow_2(v)", "flow_2(u)", "valve(u)", "valve(psup)", "valve(x)", "valve(p1)", "valve(p2)", "sensor_x(x)", "sensor_x(v)", "sensor_p1(p1)", "sensor_p1(x)", "sensor_p2(p2)", "sensor_p2(x)"]
-BENCH_TERMS = ["force(x)", "force(x*v)", "force(p1)", "force(p2)", "force(dp)", "friction(v)", "friction(x)", "friction(p1)", "friction(p2)", "friction(dp)"]
+SERVO_TERMS = (
+    "force(x)", "force(x*v)", "force(p1)", "force(p2)", "force(dp)",
+    "friction(v)", "friction(x)", "friction(p1)", "friction(p2)", "friction(dp)",
+    "flow_1(p1)", "flow_1(p2)", "flow_1(dp)", "flow_1(x)", "flow_1(x*dp)", "flow_1(v)", "flow_1(u)",
+    "flow_2(p1)", "flow_2(p2)", "flow_2(dp)", "flow_2(x)", "flow_2(x*dp)", "flow_2(v)", "flow_2(u)",
+    "valve(u)", "valve(psup)", "valve(x)", "valve(p1)", "valve(p2)",
+    "sensor_x(x)", "sensor_x(v)", "sensor_p1(p1)", "sensor_p1(x)", "sensor_p2(p2)", "sensor_p2(x)",
+)  # fmt: skip
+BENCH_TERMS = SERVO_TERMS[:10]
 """What is screened: equations, signals and sensible pairs."""
 
 FINER = (24, 60)
@@ -57,7 +64,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Found:
-    """Unknown terms that explain a rest: the joint fit, held-out error (1 = noise only) before and after, the first term's shape."""
+    """Unknown terms that explain a rest: joint fit, held-out error (1 = noise only) before and after, the first one's shape."""
 
     joint: Joint
     before: float
@@ -160,8 +167,11 @@ def _curve(fit: Fit, joint: Joint) -> Curve:
     columns = np.array(curve_columns(term, {**fit.ranges, "patm": fit.plant.rig.patm}, at))
     covariance = joint.covariance[: part.size, : part.size]
     std = np.sqrt(np.maximum(np.einsum("in,ij,jn->n", columns, covariance, columns), 0.0))
-    plain = [tuple(float(value) for value in values) for values in (at, part @ columns, std)]
-    return Curve(spline(term).name, term.equation, term.signal, term.factor, term.unit, *plain, provisional=True)
+    value = part @ columns
+    return Curve(
+        spline(term).name, term.equation, term.signal, term.factor, term.unit, tuple(at.tolist()), tuple(value.tolist()),
+        tuple(std.tolist()), provisional=True,
+    )  # fmt: skip
 
 
 def explained(verdict: Verdict, base: Fit, hold_out: Sequence[Recording], say: Say = lambda _: None) -> Verdict:

@@ -107,7 +107,7 @@ def group_of(effect: Effect) -> str:
 
 
 def effects_by_name(names: Sequence[str], own: Sequence[Effect] = ()) -> tuple[Effect, ...]:
-    """The named effects, each once: the catalogue's in its order, the user's ``own``, then ``spline:...`` and ``formula:...`` as given.
+    """The named effects, each once: the catalogue's in its order, the user's ``own``, then splines and formulas as given.
 
     Raises ``UserError`` for a name that is in neither and says no function.
     """

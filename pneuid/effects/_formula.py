@@ -24,6 +24,7 @@ import numpy as np
 from pneuid.effect import Parameter, Scope
 from pneuid.effects._spline import (
     REFERENCE_SPEED,
+    SIGNALS_OF,
     Term,
     UnknownTerm,
     entering,
@@ -207,6 +208,8 @@ def formula_by_name(name: str) -> Formula:
     for kind, value in zip(shape.numbers, numbers, strict=True):
         if kind in ("L", "w", "n") and not value > 0.0:
             raise UserError(f"effect '{name}': {kind} is {value:g}; it must be positive")
+    if found["equation"] not in SIGNALS_OF:
+        raise UserError(f"effect '{name}': no equation '{found['equation']}'; choose one of {', '.join(SIGNALS_OF)}")
     term = spline_by_name(f"spline:{found['equation']}({found['on']})").term
     made = entering(Formula, term, formula_name(term, found["shape"], numbers))
     made.shape, made.start = found["shape"], numbers

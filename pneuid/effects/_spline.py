@@ -275,10 +275,11 @@ def _port(term: Term) -> tuple[str, Callable[..., Any]]:
         return "valve", _opening if term.signal == "u" and not term.factor else _valve_gain
     if term.equation.startswith("sensor_"):
         return "sensor", _sensor
-    return {
+    others: dict[str, tuple[str, Callable[..., Any]]] = {
         "force": ("force", _force), "flow_1": ("flows", _flow_1), "flow_2": ("flows", _flow_2),
         "pressure_1": ("pressure_rates", _flow_1), "pressure_2": ("pressure_rates", _flow_2),
-    }[term.equation]  # fmt: skip
+    }  # fmt: skip
+    return others[term.equation]
 
 
 Kind = TypeVar("Kind", bound=UnknownTerm)
@@ -287,7 +288,7 @@ Kind = TypeVar("Kind", bound=UnknownTerm)
 def entering(kind: type[Kind], term: Term, name: str) -> Kind:
     """The effect of this kind in the term's equation; a class of its own, as compiled code is told apart by classes."""
     port, function = _port(term)
-    rigs = ("servo", "bench")
+    rigs: tuple[str, ...] = ("servo", "bench")
     if term.equation in _BENCH_ONLY:
         rigs = ("bench",)
     elif term.equation in _SERVO_EQUATIONS or {term.signal, term.factor} & set(_SERVO_SIGNALS):

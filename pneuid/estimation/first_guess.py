@@ -126,18 +126,18 @@ def first_nodes(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion], valu
         theta = dict(zip(plant.theta_names, plant.theta(values, _no_ranges()), strict=True))
         if plant.law.static:
             stiffness = theta["carrier_stiffness"]
-        z = np.clip(force, -level, level)[at] / stiffness
-        states = {"x": motion.x[at], "v": motion.v[at], "z": z}
+        z = np.clip(force, -level, level) / stiffness
+        states = {"x": motion.x[at], "v": motion.v[at], "z": z[at]}
         if plant.servo:
             for signal in ("p1", "p2"):
                 states[signal] = _averaged(run.measured(signal))[at]
-        own = _effect_states(plant, run, motion, values) if plant.effect_states else {}
+        own = _effect_states(plant, run, motion, z, values) if plant.effect_states else {}
         states |= {name: value[at] for name, value in own.items()}
         columns.append(np.vstack([states[name] for name in plant.states]))
     return np.hstack(columns)
 
 
-def _effect_states(plant: Plant, run: Run, motion: Motion, values: dict) -> dict[str, np.ndarray]:
+def _effect_states(plant: Plant, run: Run, motion: Motion, z: np.ndarray, values: dict) -> dict[str, np.ndarray]:
     """States ``(N,)`` that the effects bring, followed along the measured trajectory from their initial values."""
     s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
     theta = ca.SX.sym("theta", len(plant.theta_names))
@@ -146,7 +146,7 @@ def _effect_states(plant: Plant, run: Run, motion: Motion, values: dict) -> dict
                                                  ca.vertcat(*(item[1] for item in relaxing))])  # fmt: skip
     given = np.vstack([run.input(name) for name in plant.inputs])
     column = plant.theta(values, _no_ranges() | {"p1_high": 1e9, "p2_high": 1e9}, run.own.mass)
-    known = {"x": motion.x, "v": motion.v, "z": np.zeros(run.n)}
+    known = {"x": motion.x, "v": motion.v, "z": z}
     known |= {name: _averaged(run.measured(name)) for name in ("p1", "p2") if name in plant.outputs}
     found = {state.name: np.full(run.n, state.initial) for state in plant.effect_states}
     for _ in range(2):  # a target may depend on the state itself: once along the initial value, once along the result

@@ -116,11 +116,13 @@ def fit(
     monitor: Monitor | None = None,
     exact: bool = True,
     prepared: Sequence[Run] | None = None,
+    nodes: Mapping[str, np.ndarray] | None = None,
 ) -> Fit:
     """Identify the parameters of ``plant`` from ``recordings``.
 
     start : values (SI) that replace the first guess; noise : 1-sigma per signal (SI), else from rig and data; exact :
-    whether to go on to hard continuity where the relaxed fit allows it. Raises ``UserError`` for data that cannot
+    whether to go on to hard continuity where the relaxed fit allows it; nodes : node states ``(nint,)`` by name that
+    replace the first guess's. Raises ``UserError`` for data that cannot
     identify the model, ``Interrupted`` with the best so far after a ctrl-C.
     """
     began = time.monotonic()
@@ -129,7 +131,7 @@ def fit(
     runs = tuple(prepared) if prepared is not None else tuple(prepare(run, plant, levels) for run in recordings)
     ends: list[_End] = []
     for one in _starts(plant, runs, start or {}, exact):
-        problem, soft = _relaxed_fit(plant, recordings, runs, one, monitor)
+        problem, soft = _relaxed_fit(plant, recordings, runs, one, nodes or {}, monitor)
         ends.append(_exact_end(problem, soft, monitor) if exact else _End(problem, soft))
         if ends[-1].interrupted or ends[-1].hard is not None or (not one and not ends[-1].near):
             break  # from the data's own guess a model that ends far off is wrong, not badly started
@@ -192,6 +194,7 @@ def _relaxed_fit(
     recordings: Sequence[Recording],
     runs: tuple[Run, ...],
     start: Mapping[str, float],
+    known: Mapping[str, np.ndarray],
     monitor: Monitor | None,
 ) -> tuple[Shooting, Relaxed]:
     """The relaxed problem and its solution, with as many substeps as the parameters found need."""
@@ -202,6 +205,8 @@ def _relaxed_fit(
     dt = max(float(np.median(run.data[0])) for run in runs)
     every = node_every(float(np.median(np.concatenate([run.data[0] for run in runs]))))
     nodes = first_nodes(plant, runs, moved, guess, every)
+    for name, row in known.items():
+        nodes[plant.states.index(name)] = row
     free = [parameter.name for parameter in declared(plant, [run.own for run in runs])]
     values, substeps = guess, _substeps(plant, guess, ranges, dt)
     while True:

@@ -319,9 +319,9 @@ def diagnosis_verdict(diagnosis: Diagnosis, patm: float = ATMOSPHERE) -> Section
     rest = diagnosis.unknown
     if rest is not None:
         on = f", depending on {', '.join(rest.depends_on)}" if rest.depends_on else ""
-        shape = f"; formula {rest.formula}" if rest.formula else ""
+        formula = f"; formula {rest.formula}" if rest.formula else ""
         parts.append(
-            Paragraph(f"Unexplained: {number(rest.rms)} {rest.unit} rms in the {rest.equation} balance{on}{shape}.")
+            Paragraph(f"Unexplained: {number(rest.rms)} {rest.unit} rms in the {rest.equation} balance{on}{formula}.")
         )
     if rest is not None and rest.curve is not None:
         parts.append(shape(rest.curve, patm))

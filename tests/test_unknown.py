@@ -1,0 +1,99 @@
+"""The unknown rest: probes screen and fit every spline, the right equation and signal come first, shapes become formulas."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers import rig
+
+from pneuid.criticism.distil import _fitted
+from pneuid.criticism.prediction import Frozen, noise_floor
+from pneuid.criticism.probes import Probing
+from pneuid.criticism.unknown import _unknown, ranking, search
+from pneuid.effects._formula import SHAPES
+from pneuid.effects._spline import Term, curve, spline
+from pneuid.estimation.fit import Fit, fit
+from pneuid.estimation.preparation import prepare
+from pneuid.plant import Plant
+from pneuid.recording import Recording
+from pneuid.virtual_rig import ATMOSPHERE, Friction, Hidden, TruthBench, record_bench, sine
+
+STAND = rig("bench", {"sensors": {"x": "0.3 um", "p1": "0.5 kPa", "p2": "0.5 kPa"}})
+
+
+@cache
+def magnet_runs() -> tuple[Recording, Recording]:
+    """Two runs of a bench with a magnet towards mid-stroke, which no effect of the catalogue is."""
+    runs = []
+    for seed, frequency in ((3, 0.5), (4, 0.4)):
+        record = record_bench(
+            TruthBench(friction=Friction()), 3e5 + ATMOSPHERE, 2e5 + ATMOSPHERE,
+            sine(amplitude=0.09, frequency=frequency, cycles=2), Hidden(magnetic_detent=15.0), seed,
+        )  # fmt: skip
+        runs.append(Recording.from_arrays(f"b{seed}.csv", STAND, **record))
+    return runs[0], runs[1]
+
+
+@cache
+def magnet() -> tuple[Fit, Probing]:
+    """The base model fitted to the first run, and its probes."""
+    found = fit(Plant(STAND, "lugre"), [magnet_runs()[0]], exact=False)
+    return found, Probing(found)
+
+
+def test_the_right_equation_and_signal_come_first():
+    ranked = ranking(magnet()[1])
+    assert (ranked[0][1].equation, ranked[0][1].signal) == ("force", "x")
+    assert ranked[0][0] > 1.2 * ranked[1][0]
+
+
+def test_the_joint_fit_finds_what_a_compiled_spline_finds():
+    found, probing = magnet()
+    term = Term("force", "x", knots=24)
+    joint = probing.fitted([term])
+    assert joint.cost < 0.2 * probing.start_cost
+    # what it is: the same spline as an effect of the plant, whose value follows x within an interval too
+    again = fit(Plant(STAND, "lugre", [spline(term)]), [magnet_runs()[0]], found.values, found.noise, exact=False)
+    part = np.array([again.values[name] for name in spline(term).amplitudes])
+    at = np.linspace(0.17, 0.33, 81)
+    both = [curve(term, list(values), {**found.ranges, "patm": STAND.patm}, at) for values in (joint.amplitudes[0], part)]
+    mine, exact = (values - values.mean() for values in both)
+    assert np.sqrt(np.mean((mine - exact) ** 2)) < 0.15 * np.sqrt(np.mean(exact**2))
+    assert probing.problem.added.max() == 0.0
+
+
+def test_search_names_it_and_judges_on_held_out_runs():
+    found, _ = magnet()
+    held = magnet_runs()[1]
+    model = Frozen(found.plant, found.values, found.ranges, found.noise, found.substeps)
+    floor = noise_floor(model, [prepare(held, found.plant, found.noise)], 1)
+    named = search(found, [held], floor.value)
+    assert named is not None and named.explained > 0.8
+    rest = _unknown(named)
+    assert rest.equation == "force" and rest.depends_on == ("x",) and rest.unit == "N" and 1.0 < rest.rms < 15.0
+    assert rest.effect is not None and rest.effect.startswith("spline:force(x")
+    raw = rest.to_dict()
+    assert raw["curve"]["unit"] == "N" and len(raw["curve"]["at"]) == len(raw["curve"]["std"])
+
+
+AT = np.linspace(0.1, 0.4, 121)
+SHAPED = {
+    "period": 3.0 * np.sin(2 * np.pi * AT / 0.025 + 0.3), "bump": 2.0 * np.exp(-(((AT - 0.22) / 0.02) ** 2)),
+    "above": 4.0 * np.maximum(0.0, AT - 0.31), "saturation": np.tanh((AT - 0.2) / 0.03),
+    "pull": -(AT - 0.25) / 0.02 * np.exp(-(((AT - 0.25) / 0.02) ** 2)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("shape", SHAPED)
+def test_a_shape_is_recognised(shape):
+    value, weight = SHAPED[shape], np.full(AT.size, 1.0 / AT.size)
+    spread = float(np.std(value))
+    error, numbers, _ = _fitted(Term("force", "x"), SHAPES[shape], AT, value, weight)
+    assert error < 0.08 * spread
+    expected = {"period": 0.025, "bump": 0.22, "above": 0.31, "saturation": 0.2, "pull": 0.25}[shape]
+    assert numbers[0] == pytest.approx(expected, abs=0.004)
+    if shape != "saturation":
+        other = _fitted(Term("force", "x"), SHAPES["parabola"], AT, value, weight)[0]
+        assert other > 2.0 * error
