@@ -37,6 +37,7 @@ import numpy as np
 
 from pneuid import api
 from pneuid.criticism.decision import diagnose
+from pneuid.criticism.unknown import explained
 from pneuid.effects import CATALOGUE, LAW_STEPS
 from pneuid.errors import ComputationError, UserError
 from pneuid.estimation.fit import fit
@@ -217,7 +218,8 @@ def solve(case: Case) -> dict[str, Any]:
     try:
         stand = replace(case, rig="default") if case.rig == "bench" else case
         train, held, rig = (bench_runs if on_bench(case) else servo_runs)(stand)
-        found = diagnose(fit(api.plant_of(rig), train, exact=False), held, KNOWN)
+        base = fit(api.plant_of(rig), train, exact=False)
+        found = explained(diagnose(base, held, KNOWN), base, held)
     except (UserError, ComputationError, RuntimeError, ValueError) as error:
         return row | {"verdict": "failed", "effects": [], "said": str(error)[:200], "seconds": time.monotonic() - began}
     diagnosis = found.diagnosis

@@ -39,7 +39,7 @@ def _section(effect: Effect) -> str:
         off = "shape" if item.off is None else f"{item.off:.3g}"
         typical = item.start if item.off is None else item.scale
         bounds = f"{item.lower:.3g} .. {item.upper:.3g}"
-        rows.append(f"| `{item.name}` | {item.symbol} | {item.unit} | {bounds} | {off} | {typical:.3g} |")
+        rows.append(f"| `{item.name}` | {item.symbol} | `{item.unit}` | {bounds} | {off} | {typical:.3g} |")
     picture = PICTURES / f"{effect.name}.png"
     shown = f"![Signature of {effect.name}]({picture.relative_to(PAGE.parent).as_posix()})\n" if picture.exists() else ""
     confused = ", ".join(f"`{name}`" for name in effect.confused_with) or "none"

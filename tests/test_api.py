@@ -24,7 +24,7 @@ SHOWN = ("model", "comparison", "diagnosis")
 @cache
 def model() -> pneuid.IdentifiedModel:
     found = base_fit()
-    return pneuid.IdentifiedModel(model_of(found, "monday <1>"), found)
+    return pneuid.IdentifiedModel(model_of(found, "monday <b>1</b>"), found)
 
 
 @cache
@@ -79,7 +79,7 @@ def test_the_table_of_a_model_holds_its_values():
 
 
 def test_the_name_of_a_model_is_escaped():
-    assert "monday &lt;1&gt;" in model()._repr_html_()
+    assert "monday &lt;b&gt;1&lt;/b&gt;" in model()._repr_html_()
 
 
 def test_the_table_of_a_comparison_has_both_roles():

@@ -15,6 +15,7 @@ from types import ModuleType
 
 import pytest
 
+from pneuid.api import plant_of
 from pneuid.rig import Rig
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -146,6 +147,15 @@ def test_commands_exist(page):
             assert importlib.util.find_spec(f"{name}.__main__") is not None, f"{named(page)}: {name} is no command"
 
 
+def test_every_command_is_documented():
+    files = [path for room in ("pneuid", "controllers") for path in (ROOT / room).rglob("*.py")]
+    starts = [path for path in files if "\n    run_command(main)\n" in path.read_text(encoding="utf-8")]
+    commands = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__main__") for path in starts}
+    assert commands == set(script("make_reference").COMMANDS)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert [name for name in sorted(commands) if f"| `{name}" not in readme] == []
+
+
 def test_no_page_loads_anything_from_elsewhere():
     assert "font: false" in (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     for page in PAGES:
@@ -205,11 +215,19 @@ def test_the_site_builds_without_a_warning(tmp_path):
         assert loaded_from_elsewhere(page.read_text(encoding="utf-8")) == [], page.name
 
 
-# --- the README's example ---
+# --- the examples ---
+
+
+def test_the_effect_of_ones_own_joins_the_plant(tmp_path):
+    block = next(block for block in every_block("python") if block.where.startswith("docs/own_effect.md"))
+    (tmp_path / "drag.py").write_text(block.text, encoding="utf-8")
+    rig = Rig.from_toml(ROOT / "scenarios" / "demo" / "rig.toml")
+    plant = plant_of(rig, add=["drag_of_chain"], effect_files=[tmp_path / "drag.py"])
+    assert "c_chain" in plant.parameter_names
 
 
 @pytest.mark.slow
-def test_the_example_runs(tmp_path, monkeypatch):
+def test_the_examples_run(tmp_path, monkeypatch):
     folder = tmp_path / "scenarios" / "demo"
     shutil.copytree(ROOT / "scenarios" / "demo", folder)
     for path in folder.glob("*.csv"):
@@ -220,4 +238,8 @@ def test_the_example_runs(tmp_path, monkeypatch):
     assert names["diagnosis"].effects[0] == "friction_pressure"
     errors = [names[name].weighted_error() for name in ("comparison", "after")]
     assert errors[1] < 0.5 * errors[0]
-    assert (tmp_path / "better.json").exists()
+    (tmp_path / "monday").mkdir()
+    (tmp_path / "better.json").rename(tmp_path / "monday" / "model.json")
+    for page in ("docs/how_to/compensator.md", "docs/control.md"):
+        shown = next(block for block in every_block("python") if block.where.startswith(page))
+        exec(compile(shown.text, shown.where, "exec"), {})  # noqa: S102 - the page's own text

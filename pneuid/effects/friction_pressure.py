@@ -76,7 +76,7 @@ class FrictionPressure(Effect):
         )
 
     def constraints(self, base: dict[str, Expression], scope: Scope) -> tuple[Constraint, ...]:
-        """Positive ``Fc``, ``Fs - Fc`` and ``sigma2`` at the four corners of the fitted pressures, ``vs`` not far below zero."""
+        """Positive ``Fc``, ``Fs - Fc`` and ``sigma2`` at the corners of the fitted pressures, ``vs`` not far below zero."""
         rig = scope.rig
         found = []
         for p1 in (rig.p1_low, rig.p1_high):
