@@ -316,7 +316,11 @@ def wanted(given: argparse.Namespace) -> list[Case]:
         print(
             "no catalogue entry yet, cases skipped: " + ", ".join(f"{name} {n}" for name, n in sorted(skipped.items()))
         )
-    return [case for case in every if in_catalogue(case)]
+    known = [case for case in every if in_catalogue(case)]
+    if given.sample is None:
+        return known
+    drawn = np.random.default_rng(first).permutation(len(known))[: given.sample]
+    return [known[i] for i in drawn]
 
 
 def run(todo: Sequence[Case], given: argparse.Namespace, stamp: str, rows: list[dict[str, Any]]) -> None:
@@ -353,6 +357,7 @@ def main() -> None:
     parser.add_argument("--null", type=int, default=100, help="rigs without a hidden effect")
     parser.add_argument("--first-seed", type=int, default=1001)
     parser.add_argument("--only", nargs="+", metavar="NAME", help="categories, effects or rigs to run")
+    parser.add_argument("--sample", type=int, metavar="N", help="only N of the cases, drawn at random")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument(
         "--budget", type=float, default=float("inf"), metavar="SECONDS", help="start no case after this"

@@ -14,6 +14,7 @@ from pneuid.estimation.first_guess import first_guess, motions
 from pneuid.estimation.fit import Fit, Interrupted, fit
 from pneuid.estimation.noise import noise_from_roughness
 from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
+from pneuid.estimation.shooting import Shooting
 from pneuid.estimation.solver import solve_exact
 from pneuid.estimation.uncertainty import Uncertainty, uncertainty, verdicts
 from pneuid.physics.smoothing import FINE
@@ -225,9 +226,8 @@ def test_a_solver_out_of_iterations_hands_back_its_best_point():
 # --- standard errors ---
 
 
-def _single_shooting_covariance(found: Fit, X: np.ndarray) -> np.ndarray:
+def _single_shooting_covariance(problem: Shooting, X: np.ndarray) -> np.ndarray:
     """Covariance of q by chaining the intervals of each run from its first node: no constraints, dense."""
-    problem = found.problem
     nq, ns = problem.nq, problem.ns
     at = problem.evaluate(X)
     runs = len(problem.runs)
@@ -252,10 +252,11 @@ def test_standard_errors_are_those_of_single_shooting():
     """The node states eliminated by continuity, against eliminated by propagation."""
     found = lugre_fit(1)
     assert found.exact is not None
-    found.problem.set_smoothing(FINE)
-    spread = uncertainty(found.problem, found.exact.X)
-    covariance = _single_shooting_covariance(found, found.exact.X)
-    std = np.sqrt(np.diag(covariance)) * found.problem.scaling.slope(found.exact.X[: found.problem.nq])
+    problem = found.exact_problem
+    assert problem is not None and problem.smoothing == FINE
+    spread = uncertainty(problem, found.exact.X)
+    covariance = _single_shooting_covariance(problem, found.exact.X)
+    std = np.sqrt(np.diag(covariance)) * problem.scaling.slope(found.exact.X[: problem.nq])
     # the exact fit's intervals join to a thousandth of the state scale: derivatives differ by as much
     np.testing.assert_allclose(spread.std, std, rtol=2e-2)
     correlation = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
@@ -401,7 +402,7 @@ def test_each_run_has_the_supply_and_the_mass_that_the_rig_gives_it():
         "s5.csv", stand, t=whole.t, **{name: whole.signals[name] for name in whole.recorded}
     )
     run = _prepared(stand, recording)
-    assert run.mass == 3.1
+    assert run.own.mass == 3.1
     np.testing.assert_allclose(run.input("psup"), 480e3 + 101325.0)
 
 

@@ -380,17 +380,17 @@ def outline(path: Path) -> Outline:
 REPORTS = {
     "identify": (
         lambda path, c: identify_report(path, c, RUNGS, DIAGNOSIS),
-        ["Summary", "Ladder", "Verdict", "Ranking", "Parameters", "Errors", "Where it fails", "Measured and predicted",
-         "Data and notes"],
+        ["Summary", "Ladder", "Verdict", "Ranking", "Parameters", "How far to trust the numbers", "Errors", "Where it fails",
+         "Measured and predicted", "Friction", "Data and notes"],
     ),
     "compare": (
         compare_report,
-        ["Summary", "Errors", "Where it fails", "Measured and predicted", "Parameters", "Data and notes"],
+        ["Summary", "Errors", "Where it fails", "Measured and predicted", "Friction", "Parameters", "Data and notes"],
     ),
     "diagnose": (
         lambda path, c: diagnose_report(path, c, DIAGNOSIS, RUNGS),
-        ["Verdict", "Ladder", "Ranking", "Summary", "Errors", "Where it fails", "Measured and predicted", "Parameters",
-         "Data and notes"],
+        ["Verdict", "Ladder", "Ranking", "Summary", "Errors", "Where it fails", "Measured and predicted", "Friction",
+         "Parameters", "Data and notes"],
     ),
 }  # fmt: skip
 
@@ -414,7 +414,7 @@ def test_a_report_is_one_self_contained_page(written, name):
     found = outline(written[name])
     assert {address.split(",")[0].split("#")[0] for address in found.addresses} == {"data:image/svg+xml;base64", ""}
     assert not re.search(r"https?://|@import|url\(", written[name].read_text("utf-8"))
-    assert [item.name for item in written[name].parent.iterdir()] == ["report.html"]
+    assert {item.name for item in written[name].parent.iterdir()} == {"report.html", "figures"}
 
 
 @pytest.mark.parametrize("name", REPORTS)
@@ -497,7 +497,7 @@ def test_a_report_is_written_whole_or_not_at_all(tmp_path):
         write_report(path, "t", [Section("s", (Table(("a", "b"), (("1",),), "lr"),))])
     assert path.read_text("utf-8") == "old"
     write_report(path, "t\udcff", [Section("s", (Paragraph("p", "note"), Items(("one",))))])
-    assert [item.name for item in tmp_path.iterdir()] == ["report.html"]
+    assert {item.name for item in tmp_path.iterdir()} == {"report.html", "figures"}
     assert "<title>t?</title>" in path.read_text("utf-8")
 
 

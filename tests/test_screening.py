@@ -224,7 +224,8 @@ def test_a_constant_load_on_a_bench_is_diagnosed():
         for seed in (1, 2)
     )
     found = diagnose(fit(Plant(stand, "lugre"), train, exact=False), held, CATALOGUE).diagnosis
-    assert found.effects[0] == "gravity" and found.verdict in ("effect", "ambiguous")
+    # on a bench a constant load and an offset of the force sensor are the same constant
+    assert {"gravity", "sensor_offset_F"} <= set(found.effects) and found.verdict == "ambiguous"
     assert found.ranking[0].excess_explained is not None and found.ranking[0].excess_explained > 0.95
 
 

@@ -142,7 +142,7 @@ class Window:
             "const e = document.querySelector(`[data-testid=\"${arguments[0]}\"]`); return e ? e.innerText : ''", name
         )
 
-    def wait(self, until, seconds: float = 30, what: str = "") -> None:
+    def wait(self, until, seconds: float = 120, what: str = "") -> None:
         end = time.monotonic() + seconds
         while not until():
             job = self.text("job")
@@ -186,7 +186,7 @@ class Window:
 
     def quiet(self) -> None:
         """Wait until no message covers the view and every plot has been laid out."""
-        self.wait(lambda: not self.driver.find_elements(CSS, ".q-notification"), 30, "the messages to go")
+        self.wait(lambda: not self.driver.find_elements(CSS, ".q-notification"), 60, "the messages to go")
         time.sleep(0.7)
 
     def misfits(self) -> list[str]:

@@ -46,8 +46,8 @@ CLEAR_SHARE = 0.50
 """Share of what is left that a later, weaker effect must remove when it is less than LEAST_SHARE of the first excess."""
 
 TELLING = 0.03
-"""Share of the held-out excess by which the better of two effects of one group must lead to be told from the other:
-the error 200 ms ahead has heavy tails, at break-away, that make smaller leads accidental."""
+"""Share of the held-out excess, or of the gain on the training runs, by which the better of two effects of one group must lead
+to be told from the other: the error 200 ms ahead has heavy tails, at break-away, that make smaller leads accidental."""
 
 ADEQUATE_EXCESS = 0.15
 """Held-out excess, relative to the squared noise floor, that counts as none."""
@@ -59,6 +59,10 @@ MOSTLY, MINOR = 0.9, 0.25
 """Shares of the excess explained: below the first a rest is reported, below the second the rest is the verdict."""
 
 MOST_EFFECTS = 4
+
+ENOUGH, OVER = 0.8, 1.2
+"""Share of the predicted gain that a warm refit must reach, and the cost over the predicted one that it may leave, before it is
+believed without another start."""
 
 Say = Callable[[str], None]
 
@@ -111,12 +115,19 @@ def frozen_fit(found: Fit) -> Frozen:
 
 
 def refit(
-    base: Fit, effects: Sequence[Effect], start: dict[str, float], order: Sequence[str], monitor: Monitor | None
+    base: Fit,
+    effects: Sequence[Effect],
+    start: dict[str, float],
+    order: Sequence[str],
+    monitor: Monitor | None,
+    gain: float = 1.0,
 ) -> Fit:
-    """Fit the base model's effects plus ``effects``, warm from the base's values and nodes; ``start`` as screened.
+    """Fit the base model's effects plus ``effects``; ``start`` and ``gain`` (relative drop of the cost) as screened.
 
-    It starts half way to the screened values: what the base is linear in gets there in one step anyway, and beyond the linear
-    range the whole way may overshoot into another minimum. Nodes from the data are the second try.
+    First warm, from the base's values and nodes and half way to the screened values: what the base is linear in gets there
+    in one step anyway, and beyond the linear range the whole way may overshoot into another minimum. Where that falls short
+    of what screening predicts, again from the data's own guess, and on a bench always: there a base model that lacks
+    something often ends with a friction from which no step leads back. The better one is kept.
     """
     position = {name: i for i, name in enumerate(order)}
     law, values = base.plant.law.name, {**base.values, **start}
@@ -128,12 +139,17 @@ def refit(
     off = {item.name: item.off for item in plant.parameters if item.off is not None}
     halfway = {name: 0.5 * (value + off[name]) for name, value in start.items() if name in off}
     values = {name: value for name, value in values.items() if name in plant.parameter_names}
-    warm = _warm(base, plant, values | halfway, monitor) if law == base.plant.law.name else None
-    if warm is not None and warm.loose_cost < base.loose_cost:
-        return warm
     recordings = [run.recording for run in base.runs]
-    cold = fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs)
-    return cold if warm is None or cold.loose_cost < warm.loose_cost else warm
+    if law != base.plant.law.name:
+        return fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs)
+    warm = _warm(base, plant, values | halfway, monitor)
+    predicted = base.loose_cost * (1.0 - gain)
+    enough = warm.loose_cost < base.loose_cost * (1.0 - ENOUGH * gain) and warm.loose_cost < OVER * predicted
+    if plant.servo and enough:
+        return warm
+    effect_values = {name: value for name, value in values.items() if plant.owner[name] is not None}
+    cold = fit(plant, recordings, effect_values, base.noise, monitor, exact=False, prepared=base.runs)
+    return min(warm, cold, key=lambda found: found.loose_cost)
 
 
 def _warm(base: Fit, plant: Plant, values: dict[str, float], monitor: Monitor | None) -> Fit:
@@ -169,7 +185,7 @@ def diagnose(
     first, rungs = current, [_rung(current, judge, True)]
     ranking: dict[str, Candidate] = {}
     accepted: list[str] = []
-    ambiguous: tuple[str, ...] = ()
+    ambiguous: dict[str, tuple[str, ...]] = {}
     for _ in range(MOST_EFFECTS):
         scores = list(screen(current.fit, list(catalogue.values()), order))
         for score in scores:
@@ -184,17 +200,14 @@ def diagnose(
         if chosen is None:
             break
         rungs.append(_rung(chosen[1], judge, True))
-        ambiguous = _rivals(chosen, trials, current)
         accepted.append(chosen[0].effect.name)
+        ambiguous[accepted[-1]] = _rivals(chosen, trials, current)
         say(
             f"{accepted[-1]} accepted: held-out error {np.sqrt(current.error):.1f} -> {np.sqrt(chosen[1].error):.1f} floors"
         )
         current = chosen[1]
-        if (
-            current.error - 1.0 < max(0.02, 3 * judge.spread)
-            and current.fit.defect_level * current.fit.problem.relaxation**2 < 0.003
-        ):
-            break
+        if current.error - 1.0 < max(ADEQUATE_EXCESS, 4 * judge.spread):
+            break  # what is left is what an adequate model leaves
     accepted, current = _backward(accepted, current, first, judge, monitor, say)
     found = _verdict(accepted, ambiguous, current, first, judge, ranking)
     return Verdict(found, current.fit, rungs)
@@ -223,7 +236,7 @@ def _refits(
     found = []
     for score in chosen:
         say(f"refitting with {score.effect.name}")
-        fitted = refit(current.fit, [score.effect], score.start, order, monitor)
+        fitted = refit(current.fit, [score.effect], score.start, order, monitor, score.gain)
         found.append((score, judge.trial(fitted, score.effect.name)))
     return found
 
@@ -299,14 +312,16 @@ def _accepted(
 
 
 def _rivals(chosen: tuple[Score, Trial], trials: Sequence[tuple[Score, Trial]], current: Trial) -> tuple[str, ...]:
-    """Members of the chosen effect's group that explain the held-out runs about as well."""
+    """Members of the chosen effect's group that explain the held-out runs and the training runs about as well."""
     excess = max(current.error - 1.0, 1e-12)
     best = chosen[1].error
+    gain = max(current.fit.loose_cost - chosen[1].fit.loose_cost, 1e-12)
     return tuple(
         score.effect.name
         for score, trial in trials
         if score is not chosen[0]
         and (trial.error - best) / excess < TELLING
+        and (trial.fit.loose_cost - chosen[1].fit.loose_cost) / gain < TELLING
         and (score.effect.name in chosen[0].group or chosen[0].effect.name in score.group)
     )
 
@@ -342,7 +357,7 @@ def _rung(trial: Trial, judge: _Judge, accepted: bool) -> Rung:
 
 def _verdict(
     accepted: list[str],
-    ambiguous: tuple[str, ...],
+    ambiguous: dict[str, tuple[str, ...]],
     current: Trial,
     first: Trial,
     judge: _Judge,
@@ -366,8 +381,9 @@ def _verdict(
         )
     removed = (first.error - current.error) / max(first.error - 1.0, 1e-12)
     words.append(f"{', '.join(accepted)}: {100 * removed:.1f} % of the base model's held-out excess explained")
-    if ambiguous and len(accepted) == 1 and accepted[0] not in ambiguous:
-        return Diagnosis("ambiguous", (accepted[0], *ambiguous), ordered, sentences=tuple(words))
+    rivals = tuple(name for name in ambiguous.get(accepted[0], ()) if name not in accepted)
+    if rivals:
+        return Diagnosis("ambiguous", (accepted[0], *rivals, *accepted[1:]), ordered, sentences=tuple(words))
     rest = _rest(current) if left > small and removed < MOSTLY else None
     if rest is not None:
         words.append("a part of the error remains that no effect of the catalogue explains")

@@ -119,6 +119,7 @@ def effects_by_name(names: Sequence[str], own: Sequence[Effect] = ()) -> tuple[E
             unknowns[unknown.name] = unknown
         elif name not in CATALOGUE and name not in users:
             near = nearest(name, [*CATALOGUE, *users])
-            raise UserError(f"effect '{name}' is not in the catalogue{near or ';'} it holds {', '.join([*CATALOGUE, *users])}")
+            yours = f" or among your own ({', '.join(users)})" if users else ""
+            raise UserError(f"effect '{name}' is not in the catalogue{yours}{near or ';'} python -m pneuid.effects lists it")
     chosen = [effect for effect in _ORDER if effect.name in names]
     return (*chosen, *(effect for effect in own if effect.name in names), *unknowns.values())

@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if given.out:
         console.print(f"picture: {path}", markup=False, soft_wrap=True)
     else:
-        console.print(f"next: python -m pneuid.effects {effect.name} --out results/{effect.name}", soft_wrap=True)
+        console.print(f"next: python -m pneuid.effects {effect.name} --out signature", soft_wrap=True)
 
 
 def demonstration_rig(effect: Effect) -> Rig:

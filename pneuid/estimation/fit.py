@@ -28,6 +28,9 @@ MISFIT = 1.2
 """Mean squared weighted residual above which standard errors are widened by its root, and the status says so."""
 
 
+DOUBTFUL = 4.0
+"""Standard deviations of the mean squared residual above 1 from which another start is tried."""
+
 SOFTER = {"sigma0": 0.3, "sigma1": 0.6, "vs": 2.0}
 """Another start of the pre-sliding parameters, relative to the first, tried where that one does not lead to an exact fit."""
 
@@ -133,9 +136,9 @@ def fit(
     for one in _starts(plant, runs, start or {}, exact):
         problem, soft = _relaxed_fit(plant, recordings, runs, one, nodes or {}, monitor)
         ends.append(_exact_end(problem, soft, monitor) if exact else _End(problem, soft))
-        if ends[-1].interrupted or ends[-1].hard is not None or (not one and not ends[-1].near):
+        if ends[-1].interrupted or ends[-1].settled or (not one and not ends[-1].near):
             break  # from the data's own guess a model that ends far off is wrong, not badly started
-    best = min(ends, key=lambda end: (end.hard is None, end.soft.loose_cost))
+    best = min(ends, key=lambda end: (end.hard is None, end.hard.outcome.cost if end.hard else end.soft.loose_cost))
     found = _result(best.problem, levels, best.soft, best.hard, time.monotonic() - began)
     if ends[-1].interrupted:
         raise Interrupted(replace(found, converged=False, status=f"interrupted, best so far; {found.status}"))
@@ -155,6 +158,19 @@ class _End:
     def near(self) -> bool:
         """Whether the relaxed fit came near enough for the exact stage."""
         return self.problem.relaxation == TIGHT and self.soft.level < DEFECT_GATE
+
+    @property
+    def settled(self) -> bool:
+        """Whether an exact fit was found that need not be doubted.
+
+        One that leaves clearly more than the sensors' noise, but not so much that the model must be wrong, may be a
+        local optimum of the pre-sliding parameters.
+        """
+        if self.hard is None:
+            return False
+        count = max(self.problem.weighted, 1)
+        misfit = 2 * self.hard.outcome.cost / count
+        return not 1.0 + DOUBTFUL * np.sqrt(2.0 / count) < misfit < MISFIT
 
 
 def _exact_end(problem: Shooting, soft: Relaxed, monitor: Monitor | None) -> _End:
