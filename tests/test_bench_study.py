@@ -13,11 +13,11 @@ from test_real_data import ZILLEN, needs_zillen
 from pneuid import bench
 from pneuid.errors import UserError
 from pneuid.estimation.bench.laws import pressure_laws
-from pneuid.estimation.bench.motion import refined_motion
 from pneuid.estimation.bench.sections import constant_velocity_sections
 from pneuid.estimation.bench.steady import Condition, Point, conditions
 from pneuid.estimation.bench.study import Study, classic_route
 from pneuid.estimation.differentiate import spline_motion
+from pneuid.estimation.motion import refined_motion
 from pneuid.recording import Recording
 from pneuid.resources import scenario_path
 from pneuid.rig import Rig

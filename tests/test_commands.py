@@ -187,7 +187,7 @@ REFUSED: dict[str, tuple[str, tuple[str, ...]]] = {
     "no rig file": (f"pneuid.identify --rig nowhere.toml --data good.csv {OUT}", ("nowhere.toml",)),
     "no data file": (f"pneuid.identify --rig rig.toml --data nowhere.csv {OUT}", ("nowhere.csv",)),
     "no held-out file": (f"{FIT} --hold-out nowhere.csv {OUT}", ("nowhere.csv",)),
-    "unknown effect": (f"{FIT} --add glue {OUT}", ("glue", *CATALOGUE)),
+    "unknown effect": (f"{FIT} --add glue {OUT}", ("glue", "python -m pneuid.effects lists it")),
     "effect not in the model": (f"{FIT} --drop gravity {OUT}", ("gravity", "cannot be dropped")),
     "effect of the other rig": (
         f"pneuid.identify --rig bench.toml --data bench.csv --add leakage_internal {OUT}",
@@ -237,7 +237,7 @@ REFUSED: dict[str, tuple[str, tuple[str, ...]]] = {
     "diagnose without data": (f"pneuid.diagnose model.json {OUT}", ("MODEL", "--data")),
     "diagnose twice": (f"pneuid.diagnose model.json --data good.csv --hold-out other/good.csv {OUT}", ("twice",)),
     "diagnose into results": ("pneuid.diagnose model.json --data good.csv --out full", ("full", "--overwrite")),
-    "no such effect": ("pneuid.effects.__main__ glue", ("glue", *CATALOGUE)),
+    "no such effect": ("pneuid.effects.__main__ glue", ("glue", "python -m pneuid.effects lists it")),
     "no workers": (f"controllers.study --workers 0 {OUT}", ("--workers 0",)),
     "some workers": (f"controllers.study --workers some {OUT}", ("--workers", "some")),
     "no scenario": (f"controllers.study nowhere.toml {OUT}", ("nowhere.toml",)),
@@ -400,7 +400,7 @@ def number(value: Any) -> bool:
 @pytest.mark.parametrize("result", ["fit", "fit_better"])
 def test_identify_leaves_its_files(result, story):
     names = {path.name for path in (story.folder / result).iterdir()}
-    assert names == {"model.json", "metrics.json", "ladder.json", "report.html"}
+    assert names == {"model.json", "metrics.json", "ladder.json", "report.html", "figures"}
 
 
 @pytest.mark.parametrize("result", ["fit", "fit_better", "compared", "fit_diagnosed"])

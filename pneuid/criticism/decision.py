@@ -21,7 +21,7 @@ from pneuid.criticism.prediction import Frozen, NoiseFloor, noise_floor, predict
 from pneuid.criticism.screening import Score, screen
 from pneuid.effect import Effect
 from pneuid.estimation.fit import Fit, fit
-from pneuid.estimation.preparation import prepare
+from pneuid.estimation.preparation import Run, prepare
 from pneuid.estimation.solver import Monitor
 from pneuid.plant import Plant
 from pneuid.recording import Recording
@@ -91,13 +91,12 @@ class Verdict:
 class _Judge:
     """Held-out runs and the noise floor that errors are measured by."""
 
-    held: tuple[Recording, ...]
+    held: tuple[Run, ...]
     floor: NoiseFloor
 
     def trial(self, found: Fit, added: str | None = None) -> Trial:
         model = frozen_fit(found)
-        held = [prepare(run, found.plant, found.noise) for run in self.held]
-        on_held = rmse(predict(model, held), found.plant.outputs)
+        on_held = rmse(predict(model, self.held), found.plant.outputs)
         on_train = rmse(predict(model, found.runs), found.plant.outputs)
         error = float(np.mean([(on_held[name] / self.floor.value[name]) ** 2 for name in on_held]))
         return Trial(found, error if np.isfinite(error) else np.inf, on_train, on_held, added)
@@ -178,8 +177,8 @@ def diagnose(
     ``say`` receives one sentence per step. The catalogue's order is the order of maps at shared ports.
     """
     order = list(catalogue)
-    held_runs = [prepare(run, base.plant, base.noise) for run in hold_out]
-    judge = _Judge(tuple(hold_out), noise_floor(frozen_fit(base), held_runs))
+    held = tuple(prepare(run, base.plant, base.noise) for run in hold_out)
+    judge = _Judge(held, noise_floor(frozen_fit(base), held))
     current = judge.trial(base)
     # a model that is far off has a floor of its own (larger) one; the best model's floor is the fair one
     first, rungs = current, [_rung(current, judge, True)]
@@ -250,8 +249,7 @@ def _same_floor(
     best = min((trial for _, trial in trials), key=lambda trial: trial.error)
     if best.error >= 0.8 * current.error:
         return judge, current, first, trials
-    held = [prepare(run, best.fit.plant, best.fit.noise) for run in judge.held]
-    floor = noise_floor(frozen_fit(best.fit), held)
+    floor = noise_floor(frozen_fit(best.fit), judge.held)
     lower = {name: min(value, judge.floor.value[name]) for name, value in floor.value.items()}
     judge = _Judge(judge.held, NoiseFloor(lower, floor.spread))
 
@@ -373,7 +371,7 @@ def _verdict(
     if not accepted:
         if left < small:
             return Diagnosis("adequate", (), ordered, sentences=(*words, "nothing is missing above the noise"))
-        if _loudest(current.fit) < DEFECT_RATIO:
+        if _loudest(current) < DEFECT_RATIO:
             quiet = "no balance leaves a defect above noise; what the predictions lose, they lose at break-away"
             return Diagnosis("adequate", (), ordered, sentences=(*words, quiet))
         return Diagnosis(
@@ -392,9 +390,10 @@ def _verdict(
     return Diagnosis(verdict, tuple(accepted), ordered, rest, sentences=tuple(words))
 
 
-def _loudest(found: Fit) -> float:
-    """Largest defect of a balance over what noise alone leaves; inf on a bench, which has no such defects."""
-    return max((item.rms / max(item.expected_rms, 1e-12) for item in equation_defects(found)), default=np.inf)
+def _loudest(trial: Trial) -> float:
+    """Largest defect of a balance over what noise alone leaves; on a bench, which has no such defects, that of the force."""
+    ratios = [item.rms / max(item.expected_rms, 1e-12) for item in equation_defects(trial.fit)]
+    return max(ratios, default=float(np.sqrt(trial.error)))
 
 
 def _rest(trial: Trial) -> Unknown | None:

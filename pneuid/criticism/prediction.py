@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pneuid.errors import UserError
-from pneuid.estimation.differentiate import spline_motion
 from pneuid.estimation.first_guess import first_nodes
 from pneuid.estimation.fit import node_every
+from pneuid.estimation.motion import refined_motion
 from pneuid.estimation.preparation import Run
 from pneuid.interval import IntervalFunction, interval_function
 from pneuid.plant import Plant
@@ -250,7 +250,7 @@ def _floor_bench(model: Frozen, function: IntervalFunction, run: Run, rng: np.ra
     plant, ny = model.plant, len(model.plant.outputs)
     clean = _free(model, function, run, run.data).predicted
     x = run.motion.x + model.noise["x"] * rng.standard_normal(run.n)
-    again = spline_motion(run.t, x, model.noise["x"])
+    again = refined_motion(run.t, x, model.noise["x"])
     data = run.data.copy()
     nw = len(plant.inputs)
     replaced = {"x": again.x, "a": again.a}

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pneuid.estimation.differentiate import Motion, spline_motion
+from pneuid.estimation.motion import refined_motion
 from pneuid.estimation.noise import sensor_noise
 from pneuid.estimation.own import Own, own_of
 from pneuid.estimation.robust import HUBER, pseudo_values
@@ -83,12 +84,13 @@ def prepare(recording: Recording, plant: Plant, noise: dict[str, float]) -> Run:
     """The run's columns for ``plant`` (SI, absolute pressures); ``noise`` as from ``noise_of``."""
     t, dt = recording.t, np.diff(recording.t, append=2 * recording.t[-1] - recording.t[-2])
     signals, notes = _without_outliers(recording, noise)
-    motion = spline_motion(t, signals["x"], noise["x"])
+    # on a bench the motion is an input, and its error at a reversal would pass for friction
+    motion = (spline_motion if plant.servo else refined_motion)(t, signals["x"], noise["x"])
     given = _servo_inputs(recording, plant) if plant.servo else _bench_inputs(recording, signals, plant, motion)
     if not plant.servo:
         notes.append(
-            f"{recording.name}: speed and acceleration from a smoothing spline of x, "
-            f"bandwidth {motion.bandwidth:.3g} Hz at {noise['x'] * 1e6:.3g} um noise"
+            f"{recording.name}: speed and acceleration from x, smoothed as its jerk allows, "
+            f"bandwidth at most {motion.bandwidth:.3g} Hz at {noise['x'] * 1e6:.3g} um noise"
         )
     w = np.vstack([given[name] for name in plant.inputs])
     slopes = np.diff(w, axis=1, append=w[:, -1:]) / dt

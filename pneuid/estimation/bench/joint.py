@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from pneuid.estimation.bench.motion import refined_motion
 from pneuid.estimation.bench.sections import Section, constant_velocity_sections
 from pneuid.estimation.fit import Fit, fit
+from pneuid.estimation.motion import refined_motion
 from pneuid.estimation.preparation import Run, noise_of, prepare
 from pneuid.estimation.solver import Monitor
 from pneuid.plant import Plant

@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from pneuid.errors import UserError
-from pneuid.estimation.bench.motion import refined_motion
 from pneuid.estimation.bench.sections import Section, constant_velocity_sections
 from pneuid.estimation.bench.steady import SAME_SPEED, Condition, Value, friction_of
+from pneuid.estimation.motion import refined_motion
 from pneuid.recording import Recording
 from pneuid.rig import Rig
 
