@@ -9,7 +9,7 @@ effect that later turns out to be unneeded is dropped. What is left over at the 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from pneuid.criticism.defects import equation_defects, node_jumps
 from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.criticism.ladder import Rung
-from pneuid.criticism.prediction import Frozen, NoiseFloor, noise_floor, predict, rmse
+from pneuid.criticism.prediction import Frozen, NoiseFloor, noise_floors, predict, rmse, typical
 from pneuid.criticism.screening import Score, screen
 from pneuid.effect import Effect
 from pneuid.estimation.fit import Fit, fit
@@ -69,12 +69,18 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Trial:
-    """One fitted model on the held-out runs: weighted error (1 = noise only) and rmse per signal, SI."""
+    """One fitted model on the held-out runs.
+
+    error : weighted typical error that decides, squared, 1 = noise only; whole : the same of all windows, as reported;
+    train, hold_out : rmse per signal, SI; usual : typical error per signal, SI.
+    """
 
     fit: Fit
     error: float
+    whole: float
     train: dict[str, float]
     hold_out: dict[str, float]
+    usual: dict[str, float]
     added: str | None = None
 
 
@@ -93,19 +99,28 @@ class _Judge:
 
     held: tuple[Run, ...]
     floor: NoiseFloor
+    usual: NoiseFloor
 
     def trial(self, found: Fit, added: str | None = None) -> Trial:
         model = frozen_fit(found)
-        on_held = rmse(predict(model, self.held), found.plant.outputs)
+        ahead = predict(model, self.held)
+        on_held, usual = rmse(ahead, found.plant.outputs), typical(ahead, found.plant.outputs)
         on_train = rmse(predict(model, found.runs), found.plant.outputs)
-        error = float(np.mean([(on_held[name] / self.floor.value[name]) ** 2 for name in on_held]))
-        return Trial(found, error if np.isfinite(error) else np.inf, on_train, on_held, added)
+        return Trial(
+            found, _weighted(usual, self.usual), _weighted(on_held, self.floor), on_train, on_held, usual, added
+        )
 
     @property
     def spread(self) -> float:
-        """1-sigma of the weighted error from noise alone, relative to 1."""
-        ratios = [self.floor.spread[name] / self.floor.value[name] for name in self.floor.value]
+        """1-sigma of the weighted typical error from noise alone, relative to 1."""
+        ratios = [self.usual.spread[name] / self.usual.value[name] for name in self.usual.value]
         return float(2.0 * np.sqrt(np.mean(np.square(ratios))))
+
+
+def _weighted(errors: dict[str, float], floor: NoiseFloor) -> float:
+    """Mean over the signals of squared errors in noise floors; infinite where one diverges."""
+    error = float(np.mean([(errors[name] / floor.value[name]) ** 2 for name in errors]))
+    return error if np.isfinite(error) else np.inf
 
 
 def frozen_fit(found: Fit) -> Frozen:
@@ -178,7 +193,7 @@ def diagnose(
     """
     order = list(catalogue)
     held = tuple(prepare(run, base.plant, base.noise) for run in hold_out)
-    judge = _Judge(held, noise_floor(frozen_fit(base), held))
+    judge = _Judge(held, *noise_floors(frozen_fit(base), held, (rmse, typical)))
     current = judge.trial(base)
     # a model that is far off has a floor of its own (larger) one; the best model's floor is the fair one
     first, rungs = current, [_rung(current, judge, True)]
@@ -236,7 +251,9 @@ def _refits(
     for score in chosen:
         say(f"refitting with {score.effect.name}")
         fitted = refit(current.fit, [score.effect], score.start, order, monitor, score.gain)
-        found.append((score, judge.trial(fitted, score.effect.name)))
+        trial = judge.trial(fitted, score.effect.name)
+        say(f"with {score.effect.name}: held-out error {np.sqrt(current.error):.2f} -> {np.sqrt(trial.error):.2f} floors")
+        found.append((score, trial))
     return found
 
 
@@ -249,21 +266,23 @@ def _same_floor(
     best = min((trial for _, trial in trials), key=lambda trial: trial.error)
     if best.error >= 0.8 * current.error:
         return judge, current, first, trials
-    floor = noise_floor(frozen_fit(best.fit), judge.held)
-    lower = {name: min(value, judge.floor.value[name]) for name, value in floor.value.items()}
-    judge = _Judge(judge.held, NoiseFloor(lower, floor.spread))
+    floors = noise_floors(frozen_fit(best.fit), judge.held, (rmse, typical))
+    floor, usual = (
+        NoiseFloor({name: min(value, before.value[name]) for name, value in found.value.items()}, found.spread)
+        for found, before in zip(floors, (judge.floor, judge.usual), strict=True)
+    )
+    judge = _Judge(judge.held, floor, usual)
 
     def again(trial: Trial) -> Trial:
-        error = float(np.mean([(trial.hold_out[name] / lower[name]) ** 2 for name in lower]))
-        return Trial(trial.fit, error if np.isfinite(error) else np.inf, trial.train, trial.hold_out, trial.added)
+        return replace(trial, error=_weighted(trial.usual, usual), whole=_weighted(trial.hold_out, floor))
 
     return judge, again(current), again(first), [(score, again(trial)) for score, trial in trials]
 
 
 def _explained(before: Trial, after: Trial, first: Trial) -> float:
     """Share of the base model's excess that the step from ``before`` to ``after`` removes."""
-    excess = first.error - 1.0
-    return float((before.error - after.error) / excess) if excess > 0 and np.isfinite(after.error) else 0.0
+    excess = first.whole - 1.0
+    return float((before.whole - after.whole) / excess) if excess > 0 and np.isfinite(after.whole) else 0.0
 
 
 def _record(
@@ -276,7 +295,7 @@ def _record(
     drop = current.fit.loose_cost - trial.fit.loose_cost
     ranking[name] = Candidate(
         effect=name, equation=score.effect.equation, screen_gain=score.gain,
-        hold_out_error_ratio=float(np.sqrt(trial.error / current.error)) if np.isfinite(trial.error) else None,
+        hold_out_error_ratio=float(np.sqrt(trial.whole / current.whole)) if np.isfinite(trial.whole) else None,
         excess_explained=_explained(current, trial, first), p_value=float(chi2.sf(max(2 * drop, 0.0), max(score.freedom, 1))),
         indistinguishable_from=score.group,
     )  # fmt: skip
@@ -366,8 +385,9 @@ def _verdict(
     ordered = tuple(lead + [item for item in order if item.effect not in accepted])
     left = current.error - 1.0
     small = max(ADEQUATE_EXCESS, 4 * judge.spread)
-    started, ended = np.sqrt(first.error), np.sqrt(current.error)
-    words = [f"held-out error: {started:.2f} times the noise floor before, {ended:.2f} after"]
+    started, ended = np.sqrt(first.whole), np.sqrt(current.whole)
+    usual = f"{np.sqrt(first.error):.2f} and {np.sqrt(current.error):.2f} without the worst tenth of the windows"
+    words = [f"held-out error: {started:.2f} times the noise floor before, {ended:.2f} after ({usual})"]
     if not accepted:
         if left < small:
             return Diagnosis("adequate", (), ordered, sentences=(*words, "nothing is missing above the noise"))
@@ -378,7 +398,8 @@ def _verdict(
             "unknown", (), ordered, _rest(current), sentences=(*words, "the catalogue does not explain it")
         )
     removed = (first.error - current.error) / max(first.error - 1.0, 1e-12)
-    words.append(f"{', '.join(accepted)}: {100 * removed:.1f} % of the base model's held-out excess explained")
+    explained = _explained(first, current, first)
+    words.append(f"{', '.join(accepted)}: {100 * explained:.1f} % of the base model's held-out excess explained")
     rivals = tuple(name for name in ambiguous.get(accepted[0], ()) if name not in accepted)
     if rivals:
         return Diagnosis("ambiguous", (accepted[0], *rivals, *accepted[1:]), ordered, sentences=tuple(words))
