@@ -11,6 +11,9 @@ from pneuid.workbench.views.parts import chart, note
 
 _METRICS = {"rms": "RMS tracking error (mm)", "peak": "largest error (mm)", "worst_steady": "steady error (mm)"}
 
+_PLAIN = "as stated"
+"""Condition of results that name none."""
+
 
 def build(page: Any) -> None:
     """Draw the view."""
@@ -31,6 +34,10 @@ def build(page: Any) -> None:
     if not results:
         note(f"{chosen}/study.json holds no results", "warning")
         return
+    conditions = list(dict.fromkeys(row.get("condition", _PLAIN) for row in results))
+    condition = page.memory.get("condition", conditions[0])
+    condition = condition if condition in conditions else conditions[0]
+    results = [row for row in results if row.get("condition", _PLAIN) == condition]
     references = list(dict.fromkeys(row["reference"] for row in results))
     known = [name for name in _METRICS if any((row["metrics"] or {}).get(name) is not None for row in results)]
     reference = page.memory.get("reference", references[0])
@@ -41,7 +48,8 @@ def build(page: Any) -> None:
         with ui.row().classes("w-full items-center"):
             ui.label(str(content.get("title", chosen))).classes("head grow")
             for key, options, value, label in (
-                ("study", studies, chosen, "study"), ("reference", references, reference, "reference"),
+                ("study", studies, chosen, "study"), ("condition", conditions, condition, "condition"),
+                ("reference", references, reference, "reference"),
                 ("metric", {name: _METRICS[name] for name in known}, metric, "shown"),
             ):  # fmt: skip
                 choice = ui.select(
