@@ -56,10 +56,6 @@ LEAST_EXPLAINED = 0.25
 TIED = 0.03
 """Share of the drop of the cost within which two terms explain the data alike."""
 
-STANDS_IN = 0.5
-"""Share of the base model's excess that accepted effects must leave to be suspected of standing in for something that the
-catalogue does not hold."""
-
 CLEARLY = 0.5
 """A term alone takes the place of accepted effects when it leaves less than this share of the excess that they leave."""
 
@@ -188,8 +184,8 @@ def explained(verdict: Verdict, base: Fit, hold_out: Sequence[Recording], say: S
         return verdict
     floor = last.noise_floor
     left = float(np.mean([(last.hold_out[name] / floor[name]) ** 2 for name in floor])) - 1.0
-    first = float(np.mean([(verdict.rungs[0].hold_out[name] / floor[name]) ** 2 for name in floor])) - 1.0
-    if diagnosis.effects and left > STANDS_IN * first:
+    # effects that explain a good part of the held-out excess stand; one that explains little may stand in for the rest
+    if diagnosis.effects and diagnosis.verdict == "unknown":
         alone = search(base, hold_out, floor, say)
         if alone is not None and alone.after - 1.0 < CLEARLY * left:
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
