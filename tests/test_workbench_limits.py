@@ -256,7 +256,7 @@ return plot && plot._fullLayout ? plot._fullLayout.xaxis.range[1] : 0;
 
 @pytest.mark.slow
 def test_a_million_samples_open_and_pan(tmp_path, capsys):
-    """The figures are printed (``docs/workbench.md`` has those of a quiet machine) and not judged: other work is on the machine."""
+    """The figures are printed (``docs/workbench.md`` has those of a quiet machine) and not judged."""
     site = Site(short_demo(tmp_path / "monday", 2000))
     window = Window(site, tmp_path / "profile")
     try:
