@@ -15,7 +15,7 @@ import time
 import casadi as ca
 import numpy as np
 
-from pneuid.criticism.decision import refit
+from pneuid.criticism.refits import refit
 from pneuid.criticism.screening import screen
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import fit

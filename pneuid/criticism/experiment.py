@@ -16,9 +16,10 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 from scipy.stats import norm
 
-from pneuid.criticism.decision import Verdict, refit
+from pneuid.criticism.decision import Verdict
 from pneuid.criticism.diagnosis import Command
 from pneuid.criticism.excitations import LOWER_SUPPLY, SERVO_LIBRARY, Axis, Excitation
+from pneuid.criticism.refits import refit
 from pneuid.criticism.screening import screen
 from pneuid.effect import Effect
 from pneuid.estimation.curves import relaxed_covariance
