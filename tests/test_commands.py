@@ -286,7 +286,7 @@ def environment() -> dict[str, str]:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGINT cannot be sent to one process on Windows")
-def test_ctrl_c_during_a_fit_leaves_no_results(tmp_path):
+def test_ctrl_c_during_a_fit_leaves_nothing_or_the_best_so_far_labelled_so(tmp_path):
     (tmp_path / "rig.toml").write_text(RIG)
     record(tmp_path / "train_1.csv", seconds=6.0)
     words = [sys.executable, "-m", "pneuid.identify", "--rig", "rig.toml", "--data", "train_1.csv", "--out", "out"]
@@ -299,8 +299,15 @@ def test_ctrl_c_during_a_fit_leaves_no_results(tmp_path):
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert (out, err) == ("", "interrupted\n")
-    assert not list((tmp_path / "out").iterdir())
+    assert out == "" and err.splitlines()[-1] == "interrupted"
+    left = sorted(path.name for path in (tmp_path / "out").iterdir())
+    # how far it got in 0.3 s is the machine's affair; before the solver has a point there is nothing to keep
+    if "best so far" not in err:
+        assert err == "interrupted\n" and left == []
+    else:
+        assert left == ["model.json"]
+        kept = plain_json(tmp_path / "out" / "model.json")["fit"]
+        assert kept["status"].startswith("interrupted, best so far") and kept["converged"] is False
 
 
 def test_ctrl_c_inside_the_solver_is_not_lost(monkeypatch, tmp_path, capsys):
