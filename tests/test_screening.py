@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -12,7 +13,8 @@ from helpers import base_fit, held_runs, rig, scores
 from scipy.sparse.linalg import spsolve
 
 from pneuid.criticism.decision import Verdict, diagnose, frozen_fit
-from pneuid.criticism.prediction import noise_floor, predict, rmse
+from pneuid.criticism.prediction import Prediction, noise_floor, predict, rmse, typical
+from pneuid.criticism.refits import refit
 from pneuid.criticism.screening import Score, screen
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import Fit, fit
@@ -162,6 +164,47 @@ def test_a_wrong_model_predicts_far_above_it_and_the_floor_stays():
         assert item.error.shape == item.predicted.shape == (3, item.index.size)
         assert np.all(np.diff(item.index) == 1)
         np.testing.assert_array_equal(item.measured[1], item.run.measured("p1")[item.index])
+
+
+def test_the_typical_error_forgets_a_tenth_of_the_windows_and_no_more():
+    found = base_fit("", 3)
+    ahead = predict(frozen_fit(found), [prepare(held_runs("", 3)[0], found.plant, found.noise)])
+    outputs, (item,) = found.plant.outputs, ahead
+    window = 200  # samples of 200 ms at 1 kHz
+    count = item.index.size // window
+    assert count >= 10
+
+    def with_millimetres_in(windows: int) -> list[Prediction]:
+        measured = item.measured.copy()
+        measured[0, : windows * window] += 5e-3
+        return [replace(item, measured=measured)]
+
+    before = typical(ahead, outputs)["x"]
+    few, many = with_millimetres_in(count // 10), with_millimetres_in(count // 10 + 1)
+    assert rmse(few, outputs)["x"] > 20 * rmse(ahead, outputs)["x"]
+    assert typical(few, outputs)["x"] == pytest.approx(before, rel=0.3)
+    assert typical(many, outputs)["x"] > 20 * before
+    # the other signals do not move
+    assert typical(many, outputs)["p1"] == typical(ahead, outputs)["p1"]
+
+
+def test_a_window_that_diverged_counts_as_one_window():
+    found = base_fit("", 3)
+    ahead = predict(frozen_fit(found), [prepare(held_runs("", 3)[0], found.plant, found.noise)])
+    predicted = ahead[0].predicted.copy()
+    predicted[0, 50] = np.nan
+    assert np.isfinite(typical([replace(ahead[0], predicted=predicted)], found.plant.outputs)["x"])
+    predicted[0] = np.nan
+    assert not np.isfinite(typical([replace(ahead[0], predicted=predicted)], found.plant.outputs)["x"])
+
+
+@pytest.mark.parametrize("name", ["friction_position", "leakage_external_2"])
+def test_a_refit_never_ends_above_the_model_it_started_from(name):
+    base = base_fit("leakage_internal")
+    score = by_name("leakage_internal")[name]
+    richer = refit(base, [score.effect], score.start, list(CATALOGUE), None, score.gain)
+    assert [effect.name for effect in richer.plant.effects] == [name]
+    assert richer.loose_cost <= base.loose_cost * (1.0 + 1e-3)
 
 
 def test_the_floor_is_the_same_every_time():
