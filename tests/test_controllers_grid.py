@@ -340,4 +340,5 @@ def test_a_rig_that_diverges_is_no_result_but_the_others_count(monkeypatch):
 
 def test_the_shipped_scenarios_are_read():
     for name in ("pressure_grid.toml", "disturbances.toml", "price_list.toml"):
-        read_scenario(scenario_path(name))
+        scenario, _, _ = read_scenario(scenario_path(name))
+        assert scenario.title and scenario.references and len(scenario.supplies) >= 2, name
