@@ -14,7 +14,6 @@ from scipy.sparse.linalg import spsolve
 
 from pneuid.criticism.decision import Verdict, diagnose, frozen_fit
 from pneuid.criticism.prediction import Prediction, noise_floor, predict, rmse, typical
-from pneuid.criticism.refits import refit
 from pneuid.criticism.screening import Score, screen
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import Fit, fit
@@ -196,15 +195,6 @@ def test_a_window_that_diverged_counts_as_one_window():
     assert np.isfinite(typical([replace(ahead[0], predicted=predicted)], found.plant.outputs)["x"])
     predicted[0] = np.nan
     assert not np.isfinite(typical([replace(ahead[0], predicted=predicted)], found.plant.outputs)["x"])
-
-
-@pytest.mark.parametrize("name", ["friction_position", "leakage_external_2"])
-def test_a_refit_never_ends_above_the_model_it_started_from(name):
-    base = base_fit("leakage_internal")
-    score = by_name("leakage_internal")[name]
-    richer = refit(base, [score.effect], score.start, list(CATALOGUE), None, score.gain)
-    assert [effect.name for effect in richer.plant.effects] == [name]
-    assert richer.loose_cost <= base.loose_cost * (1.0 + 1e-3)
 
 
 def test_the_floor_is_the_same_every_time():
