@@ -35,6 +35,10 @@ LOOSE = 1.0
 TIGHT = 0.1
 """Spread of the defects of a model that lacks little: a tenth of 0.1 mm, 1 cm/s, 1 kPa and 10 um per interval."""
 
+OWN_DEFECT = 0.1
+"""Defects allowed to the states that effects bring, in units of their scale times the relaxation: with as much freedom as position
+or pressure have, such a state becomes an unknown input that explains anything."""
+
 _STATED = os.environ.get("PNEUID_THREADS", "")
 THREADS = max(1, int(_STATED)) if _STATED.isdigit() else min(os.cpu_count() or 1, 8)
 """Threads of one evaluation: every core, or what PNEUID_THREADS says (1 where processes run side by side)."""
@@ -108,7 +112,8 @@ class Shooting:
         selected, self._place = self._columns()
         self.function: IntervalFunction = interval_function(plant, selected, node_every, substeps)
         self.ns, self.nq = len(plant.states), len(self.free)
-        self.state_scale = plant.state_scales
+        self.state_scale = plant.state_scales.copy()
+        self.state_scale[plant.explicit_count + 1 :] *= OWN_DEFECT
         counts = [-(-run.n // node_every) for run in self.runs]
         self.first = np.concatenate([[0], np.cumsum(counts)]).astype(int)
         self.nint = int(self.first[-1])
