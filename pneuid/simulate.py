@@ -9,6 +9,9 @@ import numpy as np
 
 from pneuid.interval import IntervalFunction
 
+STUCK = 1e5
+"""Damping of a search beyond which no step from where it is lowers the cost."""
+
 
 @dataclass(frozen=True)
 class Trajectory:
@@ -55,30 +58,34 @@ def estimate_start(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Start states ``(W, ns)`` of W windows that fit the windows' measurements best, and their costs ``(W,)``.
 
-    Parameters frozen; Levenberg-Marquardt on every window at once. ``guess`` is ``(W, ns)``; ``prior`` its 1-sigma
-    ``(ns,)`` (inf: none); ``scale`` ``(ns,)`` makes the search dimensionless; data and theta as in ``simulate``. The interval
-    function must have been built without parameter derivatives.
+    Parameters frozen; Levenberg-Marquardt on all windows side by side until each has settled. ``guess`` is ``(W, ns)``;
+    ``prior`` its 1-sigma ``(ns,)`` (inf: none); ``scale`` ``(ns,)`` makes the search dimensionless; data and theta as in
+    ``simulate``. The interval function must have been built without parameter derivatives.
     """
     W, ns = guess.shape
     inverse = np.where(np.isfinite(prior), scale / prior, 0.0) ** 2
     best, damping = guess.copy(), np.full(W, 1e-2)
     cost, H, g = _gauss_newton(function, best, data, theta, scale)
     cost = cost + 0.0
+    moving = np.arange(W)
     for _ in range(iterations):
-        offset = (best - guess) / scale
-        hessian = H + np.eye(ns) * inverse
-        gradient = g + inverse * offset
-        damped = hessian + damping[:, None, None] * np.einsum("wii->wi", hessian)[:, :, None] * np.eye(ns)
+        offset = (best[moving] - guess[moving]) / scale
+        hessian = H[moving] + np.eye(ns) * inverse
+        gradient = g[moving] + inverse * offset
+        damped = hessian + damping[moving, None, None] * np.einsum("wii->wi", hessian)[:, :, None] * np.eye(ns)
         damped += 1e-12 * np.trace(damped, axis1=1, axis2=2)[:, None, None] * np.eye(ns)
         step = -np.linalg.solve(damped, gradient[:, :, None])[:, :, 0]
-        trial = best + step * scale
-        now, H_new, g_new = _gauss_newton(function, trial, data, theta, scale)
-        before = cost + 0.5 * np.sum(inverse * offset**2, axis=1)
-        after = now + 0.5 * np.sum(inverse * ((trial - guess) / scale) ** 2, axis=1)
+        trial = best[moving] + step * scale
+        now, H_new, g_new = _gauss_newton(function, trial, data[moving], theta[moving], scale)
+        before = cost[moving] + 0.5 * np.sum(inverse * offset**2, axis=1)
+        after = now + 0.5 * np.sum(inverse * ((trial - guess[moving]) / scale) ** 2, axis=1)
         better = np.isfinite(after) & (after < before)
-        best[better], cost[better], H[better], g[better] = trial[better], now[better], H_new[better], g_new[better]
-        damping = np.where(better, damping * 0.2, np.minimum(damping * 6.0, 1e8))
-        if np.all(~better | (before - after < 1e-4 * np.maximum(before, 1e-9))) and np.any(better):
+        taken = moving[better]
+        best[taken], cost[taken], H[taken], g[taken] = trial[better], now[better], H_new[better], g_new[better]
+        damping[moving] = np.where(better, damping[moving] * 0.2, damping[moving] * 6.0)
+        settled = better & (before - after < 1e-4 * np.maximum(before, 1e-9))
+        moving = moving[~settled & (damping[moving] < STUCK)]
+        if moving.size == 0:
             break
     return best, cost + 0.5 * np.sum(inverse * ((best - guess) / scale) ** 2, axis=1)
 

@@ -12,9 +12,10 @@ import scipy.sparse as sp
 from helpers import base_fit, held_runs, rig, scores
 from scipy.sparse.linalg import spsolve
 
-from pneuid.criticism.decision import Verdict, diagnose, frozen_fit
+from pneuid.criticism.decision import Verdict, diagnose
 from pneuid.criticism.prediction import Prediction, noise_floor, predict, rmse, typical
 from pneuid.criticism.screening import Score, screen
+from pneuid.criticism.trial import frozen_fit
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import Fit, fit
 from pneuid.estimation.preparation import prepare

@@ -240,9 +240,10 @@ def noise_floors(
     """Noise floors by several metrics of the same simulated data."""
     outputs = model.plant.outputs
     every: list[list[dict[str, float]]] = [[] for _ in metrics]
+    draws = [_drawn(model, run) for run in runs]
     for seed in range(seeds):
         rng = np.random.default_rng([2011, seed])
-        made = [_floor_run(model, run, rng) for run in runs]
+        made = [draw(rng) for draw in draws]
         for found, metric in zip(every, metrics, strict=True):
             found.append(metric(made, outputs))
     return [_floor(found, outputs) for found in every]
@@ -256,51 +257,56 @@ def _floor(every: Sequence[dict[str, float]], outputs: Sequence[str]) -> NoiseFl
     )
 
 
-def _floor_run(model: Frozen, run: Run, rng: np.random.Generator) -> Prediction:
+Draw = Callable[[np.random.Generator], Prediction]
+"""Prediction of one run simulated from the model itself, with noise drawn anew."""
+
+
+def _drawn(model: Frozen, run: Run) -> Draw:
     function = _function(model, [run])
-    if model.plant.servo:
-        return _floor_servo(model, function, run, rng)
-    return _floor_bench(model, function, run, rng)
+    return (_drawn_servo if model.plant.servo else _drawn_bench)(model, function, run)
 
 
-def _floor_servo(model: Frozen, function: IntervalFunction, run: Run, rng: np.random.Generator) -> Prediction:
+def _drawn_servo(model: Frozen, function: IntervalFunction, run: Run) -> Draw:
     """Each window is simulated from its own estimated start, so that the operating points are those of the data."""
     plant, ny = model.plant, len(model.plant.outputs)
     before, ahead, first = _windows(run, function.samples)
+    predicted, start = _ahead(model, function, run, run.data)
     if first.size == 0:
-        return _ahead(model, function, run, run.data)[0]
-    _, start = _ahead(model, function, run, run.data)
+        return lambda _: predicted
     cut = np.stack([run.data[:, k : k + before + ahead] for k in first])
     theta = np.tile(model.theta(run), (first.size, 1))
     clean = simulate(function, start, cut, theta).outputs
     sigma = np.array([model.noise[name] for name in plant.outputs])[:, None]
-    noisy = clean + sigma * rng.standard_normal(clean.shape)
-    cut[:, -2 * ny : -ny] = noisy
-    guess = start.copy()
-    position = {name: plant.states.index(name) for name in plant.outputs}
-    for i, name in enumerate(plant.outputs):
-        guess[:, position[name]] = noisy[:, i, :5].mean(axis=1)
-    again = _start_states(model, function, guess, cut[:, :, :before], theta)
-    found = simulate(function, again, cut, theta).outputs[:, :, before:]
     index = (first[:, None] + before + np.arange(ahead)).ravel()
-    shape = (ny, -1)
-    measured = noisy[:, :, before:].transpose(1, 0, 2).reshape(shape)
-    return Prediction(run, index, found.transpose(1, 0, 2).reshape(shape), measured, run.weights[:, index] > 0)
+
+    def draw(rng: np.random.Generator) -> Prediction:
+        noisy, data, guess = clean + sigma * rng.standard_normal(clean.shape), cut.copy(), start.copy()
+        data[:, -2 * ny : -ny] = noisy
+        for i, name in enumerate(plant.outputs):
+            guess[:, plant.states.index(name)] = noisy[:, i, :5].mean(axis=1)
+        again = _start_states(model, function, guess, data[:, :, :before], theta)
+        found = simulate(function, again, data, theta).outputs[:, :, before:]
+        measured = noisy[:, :, before:].transpose(1, 0, 2).reshape(ny, -1)
+        return Prediction(run, index, found.transpose(1, 0, 2).reshape(ny, -1), measured, run.weights[:, index] > 0)
+
+    return draw
 
 
-def _floor_bench(model: Frozen, function: IntervalFunction, run: Run, rng: np.random.Generator) -> Prediction:
+def _drawn_bench(model: Frozen, function: IntervalFunction, run: Run) -> Draw:
     """Force of the model on its own smoothed motion, then the whole chain again on a noisy copy of that motion."""
-    plant, ny = model.plant, len(model.plant.outputs)
+    plant, ny, nw = model.plant, len(model.plant.outputs), len(model.plant.inputs)
     clean = _free(model, function, run, run.data).predicted
-    x = run.motion.x + model.noise["x"] * rng.standard_normal(run.n)
-    again = refined_motion(run.t, x, model.noise["x"])
-    data = run.data.copy()
-    nw = len(plant.inputs)
-    replaced = {"x": again.x, "a": again.a}
-    if "v" not in run.recording.recorded:
-        replaced["v"] = again.v
-    for name, value in replaced.items():
-        data[1 + plant.inputs.index(name)] = value
-    data[1 + nw : 1 + 2 * nw] = np.diff(data[1 : 1 + nw], axis=1, append=data[1 : 1 + nw, -1:]) / data[0]
-    data[-2 * ny : -ny] = clean + model.noise["F"] * rng.standard_normal(clean.shape)
-    return _free(model, function, run, data)
+
+    def draw(rng: np.random.Generator) -> Prediction:
+        again = refined_motion(run.t, run.motion.x + model.noise["x"] * rng.standard_normal(run.n), model.noise["x"])
+        data = run.data.copy()
+        replaced = {"x": again.x, "a": again.a}
+        if "v" not in run.recording.recorded:
+            replaced["v"] = again.v
+        for name, value in replaced.items():
+            data[1 + plant.inputs.index(name)] = value
+        data[1 + nw : 1 + 2 * nw] = np.diff(data[1 : 1 + nw], axis=1, append=data[1 : 1 + nw, -1:]) / data[0]
+        data[-2 * ny : -ny] = clean + model.noise["F"] * rng.standard_normal(clean.shape)
+        return _free(model, function, run, data)
+
+    return draw

@@ -21,6 +21,7 @@ def refit(
     order: Sequence[str],
     monitor: Monitor | None,
     gain: float = 1.0,
+    thorough: bool = True,
 ) -> Fit:
     """Fit the base model's effects plus ``effects``; ``start`` and ``gain`` (relative drop of the cost) as screened.
 
@@ -45,7 +46,7 @@ def refit(
     warm = _warm(base, plant, values | halfway, monitor)
     predicted = base.loose_cost * (1.0 - gain)
     enough = warm.loose_cost < base.loose_cost * (1.0 - ENOUGH * gain) and warm.loose_cost < OVER * predicted
-    if plant.servo and enough:
+    if plant.servo and (enough or not thorough):
         return warm
     effect_values = {name: value for name, value in values.items() if plant.owner[name] is not None}
     cold = fit(plant, recordings, effect_values, base.noise, monitor, exact=False, prepared=base.runs)

@@ -36,8 +36,8 @@ TIGHT = 0.1
 """Spread of the defects of a model that lacks little: a tenth of 0.1 mm, 1 cm/s, 1 kPa and 10 um per interval."""
 
 OWN_DEFECT = 0.1
-"""Defects allowed to the states that effects bring, in units of their scale times the relaxation: with as much freedom as position
-or pressure have, such a state becomes an unknown input that explains anything."""
+"""Defects allowed to the states that effects bring, in units of their scale times the relaxation: with as much freedom as
+position or pressure have, such a state becomes an unknown input that explains anything."""
 
 _STATED = os.environ.get("PNEUID_THREADS", "")
 THREADS = max(1, int(_STATED)) if _STATED.isdigit() else min(os.cpu_count() or 1, 8)

@@ -1,0 +1,163 @@
+"""One round of the diagnosis: which effects are refitted, in which order, and which of them is accepted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pneuid.criticism.defects import equation_defects
+from pneuid.criticism.refits import refit
+from pneuid.criticism.screening import Score
+from pneuid.criticism.trial import Judge, Trial
+from pneuid.estimation.solver import Monitor
+
+LEAST_DROP = 15.0
+"""Predicted drop of half the sum of squares below which an effect is not refitted; null data stay below 5."""
+
+REFITS, LATER_REFITS = 3, 2
+"""Leading effects refitted in the first round and in a later one, the leader's group mates besides."""
+
+WORTH_REFITTING = 0.15
+"""Share of the leading effect's predicted drop below which another is not refitted."""
+
+WORTH_ADDING = 0.01
+"""Predicted relative drop of the cost below which a later effect is not refitted: the right effect in the catalogue's form
+leaves up to that much to others where the rig's own form differs."""
+
+CLOSE = 0.5
+"""Share of the leading effect's predicted drop above which another is refitted although the leading one explains all."""
+
+LEAST_SHARE = 0.10
+"""Share of the excess over the noise floor that an effect must remove on held-out runs."""
+
+CLEAR_SHARE = 0.50
+"""Share of what is left that a later, weaker effect must remove when it is less than LEAST_SHARE of the first excess."""
+
+SOME_SHARE, CLEAR_DROP = 0.20, 0.05
+"""The same for one that lowers the cost of the training runs by more than the second: far more than a form that differs."""
+
+SECOND_LOOKS = 6
+"""Effects on the loudest balance refitted where the leading ones do not help: a linear prediction misses what acts in jerks."""
+
+TYPICAL = 3.0
+"""Amplitude, in units of its scale, from which such an effect is refitted."""
+
+ACTING_ON = {
+    "force": ("force", "friction"),
+    "pressure_1": ("flow_1", "flow_2", "pressure_1", "valve"),
+    "pressure_2": ("flow_2", "flow_1", "pressure_1", "valve"),
+}
+"""Equations of the catalogue that act on a balance."""
+
+Say = Callable[[str], None]
+Tried = list[tuple[Score, Trial]]
+
+
+def refitted(
+    current: Trial, scores: Sequence[Score], judge: Judge, order: Sequence[str], first: bool, monitor: Monitor | None,
+    say: Say,
+) -> Tried:  # fmt: skip
+    """Trials with the leading effects and their group mates added, best predicted first.
+
+    ``first``: nothing has been added yet. The rest of the list is spared where the leading effect explains all there is.
+    """
+    tried: Tried = []
+    for score in _shortlist(scores, REFITS, 0.0) if first else _shortlist(scores, LATER_REFITS, WORTH_ADDING):
+        leader = scores[0]
+        related = score is leader or score.effect.name in leader.group
+        if not related and score.drop < CLOSE * leader.drop and any(_all_explained(t, current, judge) for _, t in tried):
+            continue
+        tried.append((score, _tried(current, score, judge, order, first and related, monitor, say)))
+    return tried
+
+
+def second_looks(
+    current: Trial, scores: Sequence[Score], tried: Tried, judge: Judge, order: Sequence[str], monitor: Monitor | None,
+    say: Say,
+) -> Tried:  # fmt: skip
+    """Trials with effects that act on the loudest balance and have not been tried, from typical amplitudes."""
+    loudest = max(equation_defects(current.fit), key=lambda item: item.rms / max(item.expected_rms, 1e-12), default=None)
+    acting = ACTING_ON[loudest.equation if loudest else "force"]
+    known = {score.effect.name for score, _ in tried}
+    left = [score for score in scores if score.effect.equation in acting and score.effect.name not in known]
+    if left:
+        say(f"none of these helps; a second look at what acts on {', '.join(acting)}")
+    found: Tried = []
+    for score in left[:SECOND_LOOKS]:
+        started = replace(score, start=_typical_start(current, score))
+        found.append((score, _tried(current, started, judge, order, True, monitor, say)))
+    return found
+
+
+def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[Score, Trial] | None:
+    """The trial to accept, None where none qualifies."""
+    excess, original = current.error - 1.0, first.error - 1.0
+    good = []
+    for score, trial in tried:
+        fall = current.error - trial.error
+        part = fall / max(excess, 1e-12)
+        drop = current.fit.loose_cost - trial.fit.loose_cost
+        told = part >= SOME_SHARE and drop >= CLEAR_DROP * current.fit.loose_cost
+        share = fall / original >= LEAST_SHARE or part >= CLEAR_SHARE or told
+        if excess > 0 and fall > 3 * judge.spread and share and drop > LEAST_DROP and _inside_bounds(score, trial):
+            good.append((score, trial))
+    return min(good, key=lambda item: item[1].error) if good else None
+
+
+def same_floor(judge: Judge, current: Trial, first: Trial, tried: Tried) -> tuple[Judge, Trial, Trial, Tried]:
+    """Everything by the floor of the best model so far."""
+    if not tried:
+        return judge, current, first, tried
+    judge = judge.again(min((trial for _, trial in tried), key=lambda trial: trial.error), current)
+    again = [(score, judge.judged(trial)) for score, trial in tried]
+    return judge, judge.judged(current), judge.judged(first), again
+
+
+def _shortlist(scores: Sequence[Score], most: int, least_gain: float) -> Iterator[Score]:
+    """The leading effects, then the group mates of the first."""
+    least = max(LEAST_DROP, WORTH_REFITTING * scores[0].drop) if scores else LEAST_DROP
+    chosen = [score for score in scores if score.drop > least and score.gain >= least_gain][:most]
+    yield from chosen
+    mates = {name for score in chosen[:1] for name in score.group} - {score.effect.name for score in chosen}
+    yield from (score for score in scores if score.effect.name in mates and score.drop > LEAST_DROP)
+
+
+def _tried(
+    current: Trial, score: Score, judge: Judge, order: Sequence[str], thorough: bool, monitor: Monitor | None, say: Say
+) -> Trial:
+    name = score.effect.name
+    say(f"refitting with {name}")
+    fitted = refit(current.fit, [score.effect], score.start, order, monitor, score.gain, thorough)
+    trial = judge.trial(fitted, name)
+    say(f"with {name}: held-out error {np.sqrt(current.error):.2f} -> {np.sqrt(trial.error):.2f} floors")
+    return trial
+
+
+def _all_explained(trial: Trial, current: Trial, judge: Judge) -> bool:
+    """Whether a trial leaves next to nothing of what the standing model left."""
+    return trial.error - 1.0 < max(judge.small, 0.05 * (current.error - 1.0))
+
+
+def _typical_start(current: Trial, score: Score) -> dict[str, float]:
+    """Screened start values, amplitudes raised to a typical size; each keeps its sign."""
+    plant = current.fit.plant
+    found = {}
+    for item in score.effect.parameters(plant.rig, plant.law):
+        if item.off is not None:
+            moved = score.start.get(item.name, item.off) - item.off
+            size = max(abs(moved), TYPICAL * item.scale)
+            found[item.name] = float(np.clip(item.off + np.copysign(size, moved), item.lower, item.upper))
+    return found
+
+
+def _inside_bounds(score: Score, trial: Trial) -> bool:
+    """At least one amplitude of the effect has left its off-value, and none but shapes lies on a bound."""
+    names = set(score.start)
+    problem = trial.fit.problem
+    q = trial.fit.relaxed.X[: problem.nq]
+    width = problem.scaling.upper - problem.scaling.lower
+    on_bound = (q - problem.scaling.lower < 1e-4 * width) | (problem.scaling.upper - q < 1e-4 * width)
+    amplitudes = [j for j, item in enumerate(problem.declared) if item.name in names]
+    return not all(on_bound[j] for j in amplitudes)

@@ -1,0 +1,96 @@
+"""One fitted model on the held-out runs, its errors in units of what noise alone would leave."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pneuid.criticism.prediction import Frozen, NoiseFloor, noise_floors, predict, rmse, typical
+from pneuid.estimation.fit import Fit
+from pneuid.estimation.preparation import Run
+
+ADEQUATE_EXCESS = 0.15
+"""Held-out excess, relative to the squared noise floor, that counts as none whatever the noise."""
+
+BETTER = 0.8
+"""Error of a trial, relative to the standing model's, from which its noise floor is measured anew."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One fitted model on the held-out runs.
+
+    error : weighted typical error that decides, squared, 1 = noise only; whole : the same of all windows, as reported;
+    train, hold_out : rmse per signal, SI; usual : typical error per signal, SI.
+    """
+
+    fit: Fit
+    error: float
+    whole: float
+    train: dict[str, float]
+    hold_out: dict[str, float]
+    usual: dict[str, float]
+    added: str | None = None
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Held-out runs and the noise floor that errors are measured by."""
+
+    held: tuple[Run, ...]
+    floor: NoiseFloor
+    usual: NoiseFloor
+
+    def trial(self, found: Fit, added: str | None = None) -> Trial:
+        """Predict the held-out runs and the training runs by a fit, to which the effect ``added`` was added last."""
+        model = frozen_fit(found)
+        ahead = predict(model, self.held)
+        on_held, usual = rmse(ahead, found.plant.outputs), typical(ahead, found.plant.outputs)
+        on_train = rmse(predict(model, found.runs), found.plant.outputs)
+        return Trial(
+            found, _weighted(usual, self.usual), _weighted(on_held, self.floor), on_train, on_held, usual, added
+        )
+
+    @property
+    def spread(self) -> float:
+        """1-sigma of the weighted typical error from noise alone, relative to 1."""
+        ratios = [self.usual.spread[name] / self.usual.value[name] for name in self.usual.value]
+        return float(2.0 * np.sqrt(np.mean(np.square(ratios))))
+
+    @property
+    def small(self) -> float:
+        """Excess over the noise floor that counts as none."""
+        return max(ADEQUATE_EXCESS, 4 * self.spread)
+
+    def again(self, best: Trial, standing: Trial) -> Judge:
+        """The judge by the floor of the best model so far: a poor model's own floor is too high."""
+        if best.error >= BETTER * standing.error:
+            return self
+        floors = noise_floors(frozen_fit(best.fit), self.held, (rmse, typical))
+        floor, usual = (
+            NoiseFloor({name: min(value, before.value[name]) for name, value in found.value.items()}, found.spread)
+            for found, before in zip(floors, (self.floor, self.usual), strict=True)
+        )
+        return Judge(self.held, floor, usual)
+
+    def judged(self, trial: Trial) -> Trial:
+        """The trial in units of this judge's floors."""
+        return replace(trial, error=_weighted(trial.usual, self.usual), whole=_weighted(trial.hold_out, self.floor))
+
+
+def judge_of(model: Fit, held: Sequence[Run]) -> Judge:
+    """The judge by the floors of ``model``."""
+    return Judge(tuple(held), *noise_floors(frozen_fit(model), held, (rmse, typical)))
+
+
+def _weighted(errors: dict[str, float], floor: NoiseFloor) -> float:
+    """Mean over the signals of squared errors in noise floors; infinite where one diverges."""
+    error = float(np.mean([(errors[name] / floor.value[name]) ** 2 for name in errors]))
+    return error if np.isfinite(error) else np.inf
+
+
+def frozen_fit(found: Fit) -> Frozen:
+    """What prediction needs of a fit."""
+    return Frozen(found.plant, found.values, found.ranges, found.noise, found.substeps)
