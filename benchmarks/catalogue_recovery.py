@@ -15,7 +15,7 @@ import time
 import casadi as ca
 import numpy as np
 
-from pneuid.criticism.refits import refit
+from pneuid.criticism.refits import Asked, Standing, refit
 from pneuid.criticism.screening import screen
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import fit
@@ -81,7 +81,7 @@ def case(rig: Rig, name: str) -> str:
     base = fit(Plant(rig, "lugre"), runs, exact=False)
     scores = screen(base, list(CATALOGUE.values()), list(CATALOGUE))
     own = next(score for score in scores if score.effect.name == name)
-    after = refit(base, [CATALOGUE[name]], own.start, list(CATALOGUE), None)
+    after = refit(Standing.of(base), Asked(CATALOGUE[name], own.start), list(CATALOGUE))
     final = fit(after.plant, runs, after.values)
     spread = dict(zip(final.problem.free, final.spread.std, strict=True)) if final.spread else {}
     found = ", ".join(

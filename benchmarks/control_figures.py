@@ -28,14 +28,14 @@ from controllers.candidates import (
 )
 from controllers.conditions import AS_KNOWN, Condition
 from controllers.grid import Candidate, Result, run_study
-from controllers.pool import Pool, open_pool
 from controllers.references import Sine, Smooth, Steps
 from controllers.registry import CONTROLLERS
 from controllers.scenario import Recordings, Scenario
-from controllers.store import Store
 from controllers.tables import chosen, largest, rms, tables
 from controllers.tuning import Design
 from pneuid.model import load
+from pneuid.pool import Pool, open_pool
+from pneuid.store import Store
 from pneuid.virtual_rig.friction import FRICTION_2011
 from pneuid.virtual_rig.hidden import NOTHING, Hidden
 from pneuid.virtual_rig.truth import TruthServo

@@ -10,12 +10,12 @@ from controllers.conditions import Played
 from controllers.grid import Candidate
 from controllers.measure import measured_runs
 from controllers.nominal import nominal_model
-from controllers.pool import Pool
 from controllers.registry import CONTROLLERS
 from controllers.scenario import Recordings, Scenario
-from controllers.store import Store, key_of
 from pneuid import api
 from pneuid.model import Model, load
+from pneuid.pool import Pool
+from pneuid.store import Store, key_of
 from pneuid.virtual_rig.hidden import Hidden
 from pneuid.virtual_rig.sensors import Sensors
 from pneuid.virtual_rig.truth import TruthServo

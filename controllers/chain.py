@@ -12,7 +12,6 @@ from rich.console import Console
 from controllers.figures import errors_figure
 from controllers.grid import Candidate, Result, run_study
 from controllers.measure import measured_runs
-from controllers.pool import Pool
 from controllers.registry import CONTROLLERS
 from controllers.scenario import Scenario, read_scenario
 from pneuid import api
@@ -21,6 +20,7 @@ from pneuid.criticism.decision import Verdict
 from pneuid.criticism.ladder import Rung, rung_of, to_json
 from pneuid.errors import ComputationError
 from pneuid.model import Model
+from pneuid.pool import Pool
 from pneuid.report import sections
 from pneuid.report.html import Paragraph, Picture, Section, Table, write_report
 from pneuid.report.summary import metrics_json, summary_lines, verdict_lines

@@ -18,14 +18,14 @@ from controllers import loop
 from controllers.base import Controller
 from controllers.conditions import Condition, Played
 from controllers.control_model import ControlModel
-from controllers.pool import InProcess, Pool
 from controllers.references import Reference
 from controllers.registry import build
 from controllers.scenario import Scenario
-from controllers.store import Store, key_of, numbers, plain
 from controllers.tuning import Design
 from pneuid.errors import ComputationError
 from pneuid.plant import Plant
+from pneuid.pool import InProcess, Pool
+from pneuid.store import Store, key_of, numbers, plain
 from pneuid.virtual_rig.hidden import NOTHING, Hidden
 from pneuid.virtual_rig.servo import ServoPlant
 from pneuid.virtual_rig.truth import TruthServo

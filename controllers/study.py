@@ -19,20 +19,27 @@ from controllers.candidates import candidates_of
 from controllers.chain import play_scenario
 from controllers.figures import save_figures
 from controllers.grid import Result, run_study
-from controllers.pool import open_pool
 from controllers.scenario import Scenario, read_scenario
-from controllers.store import Store, plain
 from controllers.tables import Grid, tables
 from pneuid.errors import ComputationError, UserError
+from pneuid.pool import open_pool
 from pneuid.resources import scenario_path
-from pneuid.terminal import DEMO_ROOT, CommandParser, add_output_options, result_folder, run_command, write_json
+from pneuid.store import Store, plain
+from pneuid.terminal import (
+    KNOWN,
+    CommandParser,
+    add_output_options,
+    add_running_options,
+    check_running,
+    kept_folder,
+    result_folder,
+    run_command,
+    write_json,
+)
 from pneuid.virtual_rig.hidden import Hidden
 from pneuid.virtual_rig.truth import TruthServo
 
 SCHEMA = 2
-
-KNOWN = "done.jsonl"
-"""File in the result folder that ``--resume`` reads."""
 
 
 def rich_table(grid: Grid) -> Table:
@@ -77,24 +84,8 @@ def _arguments() -> argparse.ArgumentParser:
         "--chain", action="store_true",
         help="measure, fit, diagnose, add what is missing, and study the controllers before and after",
     )  # fmt: skip
-    parser.add_argument("--workers", type=int, help="processes on this machine (one per core when left out)")
-    parser.add_argument("--scheduler", metavar="tcp://...", help="address of a Dask scheduler to run on instead")
-    parser.add_argument(
-        "--resume", action="store_true", help="go on with the results in DIR, of a study that was killed"
-    )
+    add_running_options(parser, "study", "one per core")
     return parser
-
-
-def _folder(arguments: argparse.Namespace) -> Path:
-    """The folder to write to; ``--resume`` takes one that holds results."""
-    embedded = arguments.scenario is None
-    if not arguments.resume:
-        folder = result_folder(arguments.out, "study", embedded, arguments.overwrite)
-        (folder / KNOWN).unlink(missing_ok=True)
-        return folder
-    if arguments.out is None and embedded:
-        arguments.out = str(Path(DEMO_ROOT) / "study")
-    return result_folder(arguments.out, "study", embedded, overwrite=True)
 
 
 def _run(
@@ -128,14 +119,9 @@ def _run(
 
 
 def _checked(arguments: argparse.Namespace) -> None:
-    if arguments.workers is not None and arguments.workers < 1:
-        raise UserError(f"--workers {arguments.workers}: must be at least 1")
-    if arguments.scheduler is not None and arguments.workers is not None:
-        raise UserError("--workers is for this machine and --scheduler for a cluster; leave one out")
+    check_running(arguments)
     if arguments.chain and arguments.resume:
         raise UserError("--resume goes on with a study; --chain measures and fits anew, leave one out")
-    if arguments.resume and arguments.overwrite:
-        raise UserError("--resume keeps what is there and --overwrite replaces it; leave one out")
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -150,7 +136,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             play_scenario(folder, pool, arguments.scenario)
         return
     scenario, truth, hidden = read_scenario(arguments.scenario or scenario_path("pressure_grid.toml"))
-    folder = _folder(arguments)
+    folder = kept_folder(arguments, "study", arguments.scenario is None)
     began = time.monotonic()
     results = _run(scenario, truth, hidden, folder, arguments)
     paths = save_study(results, scenario, truth, folder)

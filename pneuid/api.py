@@ -10,12 +10,13 @@ import numpy as np
 import pandas as pd
 
 from pneuid import model as model_file
-from pneuid.criticism import decision
+from pneuid.criticism import decision, rounds
 from pneuid.criticism.comparison import Comparison, compare, frozen
 from pneuid.criticism.diagnosis import Diagnosis
 from pneuid.criticism.experiment import for_verdict
 from pneuid.criticism.frames import notebook_html
 from pneuid.criticism.prediction import predict_free
+from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.trust import trust
 from pneuid.criticism.unknown import explained
 from pneuid.effect import Effect
@@ -32,8 +33,10 @@ from pneuid.model import Estimate, Model, model_of
 from pneuid.own_plant import checked_plant
 from pneuid.physics.friction import LAWS
 from pneuid.plant import Plant
+from pneuid.pool import InProcess, Pool
 from pneuid.recording import Recording
 from pneuid.rig import Rig
+from pneuid.store import Store
 
 
 @dataclass(frozen=True)
@@ -197,12 +200,15 @@ def diagnose(
     runs: Sequence[Recording],
     hold_out: Sequence[Recording] = (),
     monitor: Monitor | None = None,
-    say: decision.Say = lambda _: None,
+    say: rounds.Say = lambda _: None,
     effect_files: Sequence[str | Path] = (),
+    pool: Pool | None = None,
+    store: Store | None = None,
 ) -> decision.Verdict:
     """As ``IdentifiedModel.diagnose``, with the rungs climbed; ``say`` receives a sentence per step.
 
-    effect_files : the user's own, whose effects are candidates beside the catalogue's.
+    effect_files : the user's own, whose effects are candidates beside the catalogue's; pool : where refits are made, this
+    process if left out; store : keeps them, and those in it are not made again.
     """
     train, held = list(runs), list(hold_out)
     fitted = model.fitted
@@ -215,7 +221,9 @@ def diagnose(
     base = fitted or refitted(IdentifiedModel(model.content), train, monitor)
     own = {effect.name: effect for effect in (*model.content.own, *own_of(effect_files))}
     candidates = CATALOGUE | own | LAW_STEPS
-    found = explained(decision.diagnose(base, held, candidates, monitor, say), base, held, say)
+    files = tuple(map(str, effect_files))
+    refitter = Refitter(tuple(candidates), monitor, pool or InProcess(), store or Store(), files)
+    found = explained(decision.diagnose(base, held, candidates, refitter, say), base, held, say)
     if found.diagnosis.verdict == "ambiguous":
         say("looking for the recording that tells the candidates apart")
     experiment = for_verdict(found, base, candidates, monitor)

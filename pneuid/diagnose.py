@@ -14,18 +14,23 @@ from pneuid.compare import demo_model
 from pneuid.criticism.diagnosis import Diagnosis
 from pneuid.criticism.ladder import to_json
 from pneuid.errors import UserError
+from pneuid.pool import Pool, open_pool
 from pneuid.report.reports import diagnose_report
 from pneuid.report.summary import verdict_lines
 from pneuid.rig import Rig
+from pneuid.store import Store
 from pneuid.story import demo_files, demo_runs, read_runs
 from pneuid.terminal import (
+    KNOWN,
     CommandParser,
     Progress,
     add_effect_file_option,
     add_output_options,
+    add_running_options,
+    check_running,
     command_line,
+    kept_folder,
     next_folder,
-    result_folder,
     run_command,
     warn,
     write_json,
@@ -43,6 +48,7 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument("--data", nargs="+", metavar="RUN", default=[], help="recordings the model is refitted on")
     found.add_argument("--hold-out", nargs="+", metavar="RUN", default=[], help="recordings to judge by")
     add_effect_file_option(found)
+    add_running_options(found, "diagnosis", "this one, on all cores,")
     add_output_options(found)
     return found
 
@@ -52,6 +58,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser().parse_args(arguments)
     if bool(given.model) != bool(given.data):
         raise UserError("MODEL and --data belong together; see --help for an example")
+    check_running(given)
+    with open_pool(given.workers or 1, given.scheduler) as pool:
+        _diagnose(given, pool)
+
+
+def _diagnose(given: argparse.Namespace, pool: Pool) -> None:
     embedded = not given.model
     path = demo_model() if embedded else given.model
     model = api.load(path, given.effect_file)
@@ -61,11 +73,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     else:
         every = read_runs([*given.data, *given.hold_out], model.content.rig)
         runs, held = every[: len(given.data)], every[len(given.data) :]
-    folder = result_folder(given.out, "diagnose", embedded, given.overwrite)
+    folder = kept_folder(given, "diagnose", embedded)
     warn(model.content.rig, [*runs, *held])
+    store = Store(folder / KNOWN)
     with Progress() as progress:
         progress.doing("fitting the model again on its relaxed problem")
-        found = api.diagnose(model, runs, held, progress.monitor, progress.doing, given.effect_file)
+        found = api.diagnose(model, runs, held, progress.monitor, progress.doing, given.effect_file, pool, store)
         progress.doing("comparing the model as it was with the recordings")
         comparison = model.compare(runs, held)
     diagnosis = _with_command_file(found.diagnosis, model.content.rig, folder)

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 DEMO_ROOT = "pneuid-demo"
 
+KNOWN = "done.jsonl"
+"""File in the result folder that ``--resume`` reads."""
+
 SOLVER = "pneuid.estimation.solver"
 """Module whose frames lie below a solver that exceptions cannot cross."""
 
@@ -187,3 +190,33 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
     """``--out`` and ``--overwrite``, the same everywhere."""
     parser.add_argument("--out", metavar="DIR", help="folder for the results")
     parser.add_argument("--overwrite", action="store_true", help="replace results that are in DIR already")
+
+
+def add_running_options(parser: argparse.ArgumentParser, what: str, usual: str) -> None:
+    """``--workers``, ``--scheduler`` and ``--resume``, the same for every long command.
+
+    ``what`` it computes, and the ``usual`` number of processes, in words.
+    """
+    parser.add_argument("--workers", type=int, metavar="N", help=f"processes on this machine ({usual} when left out)")
+    parser.add_argument("--scheduler", metavar="tcp://...", help="address of a Dask scheduler to run on instead")
+    parser.add_argument("--resume", action="store_true", help=f"go on with the results in DIR, of a {what} that was killed")
+
+
+def check_running(given: argparse.Namespace) -> None:
+    """Raises ``UserError`` for options of ``add_running_options`` that contradict each other."""
+    if given.workers is not None and given.workers < 1:
+        raise UserError(f"--workers {given.workers}: must be at least 1")
+    if given.scheduler is not None and given.workers is not None:
+        raise UserError("--workers is for this machine and --scheduler for a cluster; leave one out")
+    if given.resume and given.overwrite:
+        raise UserError("--resume keeps what is there and --overwrite replaces it; leave one out")
+
+
+def kept_folder(given: argparse.Namespace, demo: str, embedded: bool) -> Path:
+    """As ``result_folder``; with ``--resume`` one that holds results is taken, and what is known in it is kept."""
+    if given.resume and given.out is None and embedded:
+        given.out = str(Path(DEMO_ROOT) / demo)
+    folder = result_folder(given.out, demo, embedded, given.overwrite or given.resume)
+    if not given.resume:
+        (folder / KNOWN).unlink(missing_ok=True)
+    return folder

@@ -17,15 +17,15 @@ from controllers.conditions import AS_KNOWN, Condition
 from controllers.figures import price_figure, save_figures
 from controllers.grid import Candidate, Result, run_study
 from controllers.nominal import nominal_model
-from controllers.pool import InProcess, open_pool
 from controllers.references import Sine, Steps
 from controllers.scenario import Price, Recordings, Scenario, read_scenario
-from controllers.store import Store, key_of, numbers, plain
 from controllers.study import main
 from controllers.tables import by_condition, prices, rms, tables
 from controllers.tuning import Design
 from pneuid.errors import ComputationError, UserError
+from pneuid.pool import InProcess, open_pool
 from pneuid.resources import scenario_path
+from pneuid.store import Store, key_of, numbers, plain
 from pneuid.virtual_rig.friction import FRICTION_2011
 from pneuid.virtual_rig.hidden import NOTHING, Hidden
 from pneuid.virtual_rig.truth import TruthServo
@@ -99,7 +99,7 @@ def test_a_dask_cluster_of_several_processes_gives_the_same_numbers(here):
 
 def test_an_address_without_a_scheduler_is_named(monkeypatch):
     pytest.importorskip("distributed", reason="needs the extra 'cluster'")
-    monkeypatch.setattr("controllers.pool.CONNECTING", 0.2)
+    monkeypatch.setattr("pneuid.pool.CONNECTING", 0.2)
     with (
         pytest.raises(UserError, match=r"tcp://127.0.0.1:9: no Dask scheduler"),
         open_pool(scheduler="tcp://127.0.0.1:9"),

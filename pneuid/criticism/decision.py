@@ -17,14 +17,13 @@ from scipy.stats import chi2
 from pneuid.criticism.defects import equation_defects, node_jumps
 from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.criticism.ladder import Rung
-from pneuid.criticism.refits import without
+from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.rounds import Say, accepted, refitted, same_floor, second_looks
 from pneuid.criticism.screening import Score, screen
 from pneuid.criticism.trial import Judge, Trial, judge_of
 from pneuid.effect import Effect
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import prepare
-from pneuid.estimation.solver import Monitor
 from pneuid.recording import Recording
 
 TELLING = 0.03
@@ -53,14 +52,16 @@ def diagnose(
     base: Fit,
     hold_out: Sequence[Recording],
     catalogue: dict[str, Effect],
-    monitor: Monitor | None = None,
+    refitter: Refitter | None = None,
     say: Say = lambda _: None,
 ) -> Verdict:
     """Which effects of ``catalogue`` the ``base`` fit lacks, judged on ``hold_out`` runs not used in the fit.
 
-    ``say`` receives one sentence per step. The catalogue's order is the order of maps at shared ports.
+    ``refitter`` makes the refits, in this process if left out; ``say`` receives one sentence per step. The catalogue's order is
+    the order of maps at shared ports.
     """
     order = list(catalogue)
+    refitter = refitter or Refitter(order)
     judge = judge_of(base, [prepare(run, base.plant, base.noise) for run in hold_out])
     current = judge.trial(base)
     first, rungs = current, [_rung(current, judge, True)]
@@ -72,11 +73,11 @@ def diagnose(
         for score in scores:
             ranking.setdefault(score.effect.name, _screened(score))
         say(_leading(scores))
-        tried = refitted(current, scores, judge, order, not named, monitor, say)
+        tried = refitted(current, scores, judge, refitter, not named, say)
         judge, current, first, tried = same_floor(judge, current, first, tried)
         chosen = accepted(tried, current, first, judge)
         if chosen is None and not named and current.error - 1.0 > judge.small and _loudest(current) > DEFECT_RATIO:
-            tried += second_looks(current, scores, tried, judge, order, monitor, say)
+            tried += second_looks(current, scores, tried, judge, refitter, say)
             judge, current, first, tried = same_floor(judge, current, first, tried)
             chosen = accepted(tried, current, first, judge)
         for score, trial in tried:
@@ -92,7 +93,7 @@ def diagnose(
         current = chosen[1]
         if current.error - 1.0 < judge.small:
             break  # what is left is what an adequate model leaves
-    named, current = _backward(named, current, first, judge, monitor, say)
+    named, current = _backward(named, current, first, judge, refitter, say)
     found = _verdict(named, ambiguous, current, first, judge, ranking)
     return Verdict(found, current.fit, rungs)
 
@@ -144,13 +145,13 @@ def _rivals(chosen: tuple[Score, Trial], trials: Sequence[tuple[Score, Trial]], 
 
 
 def _backward(
-    named: list[str], current: Trial, first: Trial, judge: Judge, monitor: Monitor | None, say: Say
+    named: list[str], current: Trial, first: Trial, judge: Judge, refitter: Refitter, say: Say
 ) -> tuple[list[str], Trial]:
     """Try to drop each accepted effect but the last; keep the smaller model where the held-out error hardly rises."""
     for name in list(named[:-1]):
         if name not in {effect.name for effect in current.fit.plant.effects}:
             continue  # a richer friction law took the simple one's place; without it the model is another
-        smaller = judge.trial(without(current.fit, name, monitor))
+        smaller = judge.trial(refitter.without(current.fit, name))
         rise = smaller.error - current.error
         if rise < max(3 * judge.spread, 0.02 * (first.error - 1.0)):
             say(f"{name} dropped again: without it the held-out error stays")

@@ -19,7 +19,7 @@ from scipy.stats import norm
 from pneuid.criticism.decision import Verdict
 from pneuid.criticism.diagnosis import Command
 from pneuid.criticism.excitations import LOWER_SUPPLY, SERVO_LIBRARY, Axis, Excitation
-from pneuid.criticism.refits import refit
+from pneuid.criticism.refits import Asked, Standing, refit
 from pneuid.criticism.screening import screen
 from pneuid.effect import Effect
 from pneuid.estimation.curves import relaxed_covariance
@@ -119,10 +119,10 @@ def for_verdict(
     present = {effect.name for effect in verdict.best.plant.effects}
     effects = [catalogue[name] for name in diagnosis.effects[:MOST_RIVALS] if not catalogue[name].richer_law]
     starts = {score.effect.name: score.start for score in screen(base, effects, order)}
+    asked = {effect.name: Asked(effect, starts.get(effect.name, {})) for effect in effects}
     fits = [
-        verdict.best if effect.name in present else refit(base, [effect], starts.get(effect.name, {}), order, monitor)
-        for effect in effects
-    ]  # fmt: skip
+        verdict.best if name in present else refit(Standing.of(base), one, order, monitor) for name, one in asked.items()
+    ]
     return propose(fits, [effect.name for effect in effects])
 
 

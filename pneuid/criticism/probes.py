@@ -20,7 +20,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from pneuid.effect import Effect, Parameter, Scope
 from pneuid.effects._spline import LEAST_FRICTION, Term, columns
 from pneuid.estimation.fit import Fit
-from pneuid.estimation.shooting import THREADS, Shooting
+from pneuid.estimation.shooting import Shooting, threads
 from pneuid.physics.friction import Coefficients, FrictionLaw
 from pneuid.physics.smoothing import COARSE, FINE, Expression
 from pneuid.plant import Plant
@@ -144,7 +144,7 @@ class Probed(Shooting):
     def states(self, X: np.ndarray) -> np.ndarray:
         """States ``(ns, nint, K)`` at the samples of every interval."""
         q, nodes = self.split(X)
-        run = self.function.trajectory.map(self.nint, "thread", THREADS)
+        run = self.function.trajectory.map(self.nint, "thread", threads())
         found = np.asarray(run(nodes, self.data, self.theta(q))[1])
         return found.reshape(self.ns, self.nint, self.samples + 1)[:, :, : self.samples]
 

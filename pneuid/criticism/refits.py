@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
 
 from pneuid.effect import Effect
 from pneuid.estimation.fit import Fit, fit
+from pneuid.estimation.preparation import Run
 from pneuid.estimation.solver import Monitor
 from pneuid.plant import Plant
 
@@ -14,54 +18,80 @@ ENOUGH, OVER = 0.8, 1.2
 believed without another start."""
 
 
-def refit(
-    base: Fit,
-    effects: Sequence[Effect],
-    start: dict[str, float],
-    order: Sequence[str],
-    monitor: Monitor | None,
-    gain: float = 1.0,
-    thorough: bool = True,
-) -> Fit:
-    """Fit the base model's effects plus ``effects``; ``start`` and ``gain`` (relative drop of the cost) as screened.
+@dataclass(frozen=True)
+class Standing:
+    """What a refit needs of the fit it starts from: parameters (SI), node states ``(nint,)`` by name, loose cost."""
+
+    plant: Plant
+    runs: tuple[Run, ...]
+    values: Mapping[str, float]
+    nodes: Mapping[str, np.ndarray]
+    noise: Mapping[str, float]
+    loose_cost: float
+
+    @classmethod
+    def of(cls, base: Fit) -> Standing:
+        """The relaxed solution of ``base``, with its final parameters."""
+        nodes = dict(zip(base.plant.states, base.problem.split(base.relaxed.X)[1], strict=True))
+        return cls(base.plant, base.runs, base.values, nodes, base.noise, base.loose_cost)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """An effect to add: start values (SI) and relative drop of the cost as screened; ``thorough``: a cold start too."""
+
+    effect: Effect
+    start: Mapping[str, float]
+    gain: float = 1.0
+    thorough: bool = True
+
+
+def refit(base: Standing, asked: Asked, order: Sequence[str], monitor: Monitor | None = None) -> Fit:
+    """Fit the base model's effects plus the one asked for; ``order`` is that of maps at a shared port.
 
     First warm, from the base's values and nodes and half way to the screened values: what the base is linear in gets there
-    in one step anyway, and beyond the linear range the whole way may overshoot into another minimum. Where that falls short
-    of what screening predicts, again from the data's own guess, and on a bench always: there a base model that lacks
-    something often ends with a friction from which no step leads back. The better one is kept.
+    in one step anyway, and beyond the linear range the whole way may overshoot into another minimum. Where that falls short of
+    what screening predicts, again from the data's own guess where the refit shall be ``thorough``, and on a bench always: there
+    a base model that lacks something often ends with a friction from which no step leads back. The better one is kept.
     """
-    position = {name: i for i, name in enumerate(order)}
-    law, values = base.plant.law.name, {**base.values, **start}
-    for step in (effect for effect in effects if effect.richer_law):
-        law, values = str(step.richer_law), values | step.law_start(base.values, start, base.plant.rig)
-    standing = [*base.plant.effects, *(effect for effect in effects if not effect.richer_law)]
-    every = sorted(standing, key=lambda effect: position.get(effect.name, len(position)))
-    plant = Plant(base.plant.rig, law, every)
+    plant, values = _plant_with(base, asked, order)
     off = {item.name: item.off for item in plant.parameters if item.off is not None}
-    halfway = {name: 0.5 * (value + off[name]) for name, value in start.items() if name in off}
-    values = {name: value for name, value in values.items() if name in plant.parameter_names}
+    halfway = {name: 0.5 * (value + off[name]) for name, value in asked.start.items() if name in off}
     recordings = [run.recording for run in base.runs]
-    if law != base.plant.law.name:
+    if plant.law is not base.plant.law:
         return fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs)
     warm = _warm(base, plant, values | halfway, monitor)
-    predicted = base.loose_cost * (1.0 - gain)
-    enough = warm.loose_cost < base.loose_cost * (1.0 - ENOUGH * gain) and warm.loose_cost < OVER * predicted
-    if plant.servo and (enough or not thorough):
+    predicted = base.loose_cost * (1.0 - asked.gain)
+    enough = warm.loose_cost < base.loose_cost * (1.0 - ENOUGH * asked.gain) and warm.loose_cost < OVER * predicted
+    if plant.servo and (enough or not asked.thorough):
         return warm
     effect_values = {name: value for name, value in values.items() if plant.owner[name] is not None}
     cold = fit(plant, recordings, effect_values, base.noise, monitor, exact=False, prepared=base.runs)
     return min(warm, cold, key=lambda found: found.loose_cost)
 
 
-def _warm(base: Fit, plant: Plant, values: dict[str, float], monitor: Monitor | None) -> Fit:
-    """Fit of ``plant`` from ``values`` and the base's nodes."""
-    nodes = dict(zip(base.plant.states, base.problem.split(base.relaxed.X)[1], strict=True))
-    known = {name: row for name, row in nodes.items() if name in plant.states}
-    recordings = [run.recording for run in base.runs]
-    return fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs, nodes=known)
-
-
-def without(base: Fit, name: str, monitor: Monitor | None) -> Fit:
+def without(base: Standing, name: str, monitor: Monitor | None = None) -> Fit:
     """Fit without one of the effects, warm from the values that remain."""
     plant = Plant(base.plant.rig, base.plant.law.name, [effect for effect in base.plant.effects if effect.name != name])
     return _warm(base, plant, {key: base.values[key] for key in plant.parameter_names}, monitor)
+
+
+def _plant_with(base: Standing, asked: Asked, order: Sequence[str]) -> tuple[Plant, dict[str, float]]:
+    """The plant with the effect, or with the richer law that it stands for, and the values to start from."""
+    position = {name: i for i, name in enumerate(order)}
+    law, values = base.plant.law.name, {**base.values, **asked.start}
+    standing = list(base.plant.effects)
+    if asked.effect.richer_law:
+        law = str(asked.effect.richer_law)
+        values |= asked.effect.law_start(base.values, asked.start, base.plant.rig)
+    else:
+        standing.append(asked.effect)
+    plant = Plant(base.plant.rig, law, sorted(standing, key=lambda effect: position.get(effect.name, len(position))))
+    return plant, {name: value for name, value in values.items() if name in plant.parameter_names}
+
+
+def _warm(base: Standing, plant: Plant, values: Mapping[str, float], monitor: Monitor | None) -> Fit:
+    """Fit of ``plant`` from ``values`` and the base's nodes."""
+    known = {name: row for name, row in base.nodes.items() if name in plant.states}
+    recordings = [run.recording for run in base.runs]
+    return fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs, nodes=known)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from pneuid.criticism.defects import equation_defects
-from pneuid.criticism.refits import refit
+from pneuid.criticism.refits import Asked
+from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
-from pneuid.estimation.solver import Monitor
+from pneuid.estimation.fit import Fit
 
 LEAST_DROP = 15.0
 """Predicted drop of half the sum of squares below which an effect is not refitted; null data stay below 5."""
@@ -56,39 +56,40 @@ Tried = list[tuple[Score, Trial]]
 
 
 def refitted(
-    current: Trial, scores: Sequence[Score], judge: Judge, order: Sequence[str], first: bool, monitor: Monitor | None,
-    say: Say,
-) -> Tried:  # fmt: skip
+    current: Trial, scores: Sequence[Score], judge: Judge, refitter: Refitter, first: bool, say: Say
+) -> Tried:
     """Trials with the leading effects and their group mates added, best predicted first.
 
-    ``first``: nothing has been added yet. The rest of the list is spared where the leading effect explains all there is.
+    ``first``: nothing has been added yet. What comes after the runner-up is spared where one before explains all there is.
     """
+    chosen = list(_shortlist(scores, REFITS, 0.0) if first else _shortlist(scores, LATER_REFITS, WORTH_ADDING))
+    if not chosen:
+        return []
+    leader = scores[0]
+    related = {leader.effect.name, *leader.group}
+    asked = [Asked(one.effect, one.start, one.gain, first and one.effect.name in related) for one in chosen]
     tried: Tried = []
-    for score in _shortlist(scores, REFITS, 0.0) if first else _shortlist(scores, LATER_REFITS, WORTH_ADDING):
-        leader = scores[0]
-        related = score is leader or score.effect.name in leader.group
-        if not related and score.drop < CLOSE * leader.drop and any(_all_explained(t, current, judge) for _, t in tried):
+    for score, (_, make) in zip(chosen, refitter.each(current.fit, asked), strict=True):
+        minor = score.effect.name not in related and score.drop < CLOSE * leader.drop
+        if minor and len(tried) > 1 and any(_all_explained(trial, current, judge) for _, trial in tried):
             continue
-        tried.append((score, _tried(current, score, judge, order, first and related, monitor, say)))
+        tried.append((score, _tried(current, score, make, judge, say)))
     return tried
 
 
 def second_looks(
-    current: Trial, scores: Sequence[Score], tried: Tried, judge: Judge, order: Sequence[str], monitor: Monitor | None,
-    say: Say,
-) -> Tried:  # fmt: skip
+    current: Trial, scores: Sequence[Score], tried: Tried, judge: Judge, refitter: Refitter, say: Say
+) -> Tried:
     """Trials with effects that act on the loudest balance and have not been tried, from typical amplitudes."""
     loudest = max(equation_defects(current.fit), key=lambda item: item.rms / max(item.expected_rms, 1e-12), default=None)
     acting = ACTING_ON[loudest.equation if loudest else "force"]
     known = {score.effect.name for score, _ in tried}
-    left = [score for score in scores if score.effect.equation in acting and score.effect.name not in known]
+    left = [score for score in scores if score.effect.equation in acting and score.effect.name not in known][:SECOND_LOOKS]
     if left:
         say(f"none of these helps; a second look at what acts on {', '.join(acting)}")
-    found: Tried = []
-    for score in left[:SECOND_LOOKS]:
-        started = replace(score, start=_typical_start(current, score))
-        found.append((score, _tried(current, started, judge, order, True, monitor, say)))
-    return found
+    asked = [Asked(score.effect, _typical_start(current, score), score.gain) for score in left]
+    made = refitter.each(current.fit, asked)
+    return [(score, _tried(current, score, make, judge, say)) for score, (_, make) in zip(left, made, strict=True)]
 
 
 def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[Score, Trial] | None:
@@ -124,13 +125,10 @@ def _shortlist(scores: Sequence[Score], most: int, least_gain: float) -> Iterato
     yield from (score for score in scores if score.effect.name in mates and score.drop > LEAST_DROP)
 
 
-def _tried(
-    current: Trial, score: Score, judge: Judge, order: Sequence[str], thorough: bool, monitor: Monitor | None, say: Say
-) -> Trial:
+def _tried(current: Trial, score: Score, make: Callable[[], Fit], judge: Judge, say: Say) -> Trial:
     name = score.effect.name
     say(f"refitting with {name}")
-    fitted = refit(current.fit, [score.effect], score.start, order, monitor, score.gain, thorough)
-    trial = judge.trial(fitted, name)
+    trial = judge.trial(make(), name)
     say(f"with {name}: held-out error {np.sqrt(current.error):.2f} -> {np.sqrt(trial.error):.2f} floors")
     return trial
 

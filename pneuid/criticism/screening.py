@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 
 from pneuid.effect import Effect, Parameter
 from pneuid.estimation.fit import Fit
-from pneuid.estimation.shooting import THREADS, Scaling
+from pneuid.estimation.shooting import Scaling, threads
 from pneuid.estimation.solver import relaxed_system
 from pneuid.interval import trajectory_function
 from pneuid.plant import Plant
@@ -124,7 +124,7 @@ class _Fitted:
     def runner(self, plant: Plant) -> ca.Function:
         """Trajectories of ``plant`` over all intervals."""
         problem = self.fit.problem
-        return trajectory_function(plant, problem.samples, problem.substeps).map(problem.nint, "thread", THREADS)
+        return trajectory_function(plant, problem.samples, problem.substeps).map(problem.nint, "thread", threads())
 
     def response(self, run: ca.Function, plant: Plant, nodes: np.ndarray, values: dict[str, float]) -> np.ndarray:
         """Weighted outputs and end states of ``plant``, stacked; states that the fitted plant lacks are left out."""

@@ -14,7 +14,7 @@ from copy import copy
 import casadi as ca
 import numpy as np
 
-from pneuid.estimation.shooting import THREADS, Evaluation, Shooting
+from pneuid.estimation.shooting import Evaluation, Shooting, threads
 
 
 class Chained(Shooting):
@@ -92,5 +92,5 @@ class Chained(Shooting):
 
     def _values(self, count: int) -> ca.Function:
         if count not in self._mapped:
-            self._mapped[count] = self.function.values.map(count, "thread", THREADS)
+            self._mapped[count] = self.function.values.map(count, "thread", threads())
         return self._mapped[count]

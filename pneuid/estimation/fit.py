@@ -139,7 +139,7 @@ def fit(
         if ends[-1].interrupted or ends[-1].settled or (not one and not ends[-1].near):
             break  # from the data's own guess a model that ends far off is wrong, not badly started
     best = min(ends, key=lambda end: (end.hard is None, end.hard.outcome.cost if end.hard else end.soft.loose_cost))
-    found = _result(best.problem, levels, best.soft, best.hard, time.monotonic() - began)
+    found = result_of(best.problem, levels, best.soft, best.hard, time.monotonic() - began)
     if ends[-1].interrupted:
         raise Interrupted(replace(found, converged=False, status=f"interrupted, best so far; {found.status}"))
     return found
@@ -236,8 +236,8 @@ def _relaxed_fit(
         substeps = needed
 
 
-def _result(problem: Shooting, noise: dict[str, float], soft: Relaxed, hard: Exact | None, seconds: float) -> Fit:
-    """What the stages found, in one."""
+def result_of(problem: Shooting, noise: dict[str, float], soft: Relaxed, hard: Exact | None, seconds: float) -> Fit:
+    """What the stages found, in one; ``seconds`` is how long it took."""
     final = hard.outcome if hard else soft.outcome
     solved = hard.problem if hard else problem
     misfit = 2 * final.cost / max(problem.weighted, 1)

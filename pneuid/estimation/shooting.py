@@ -39,9 +39,11 @@ OWN_DEFECT = 0.1
 """Defects allowed to the states that effects bring, in units of their scale times the relaxation: with as much freedom as
 position or pressure have, such a state becomes an unknown input that explains anything."""
 
-_STATED = os.environ.get("PNEUID_THREADS", "")
-THREADS = max(1, int(_STATED)) if _STATED.isdigit() else min(os.cpu_count() or 1, 8)
-"""Threads of one evaluation: every core, or what PNEUID_THREADS says (1 where processes run side by side)."""
+
+def threads() -> int:
+    """Threads of one evaluation: every core, or what PNEUID_THREADS says (1 where processes run side by side)."""
+    stated = os.environ.get("PNEUID_THREADS", "")
+    return max(1, int(stated)) if stated.isdigit() else min(os.cpu_count() or 1, 8)
 
 
 class Scaling:
@@ -129,8 +131,8 @@ class Shooting:
         self.smoothing = FINE
         self.relaxation = TIGHT
         """Spread allowed to the defects of the relaxed problem, in units of the state scale."""
-        self._map_values = self.function.values.map(self.nint, "thread", THREADS)
-        self._map_derivatives = self.function.derivatives.map(self.nint, "thread", THREADS)
+        self._map_values = self.function.values.map(self.nint, "thread", threads())
+        self._map_derivatives = self.function.derivatives.map(self.nint, "thread", threads())
 
     def _padded(self, run: Run, count: int) -> np.ndarray:
         missing = count * self.samples - run.n
@@ -194,7 +196,7 @@ class Shooting:
         by sample, and of its end state ``(nint, ns, width)``."""
         q, nodes = self.split(X)
         function = jacobian_function(self.plant, self.function.selected, self.samples, self.substeps)
-        rows, ends = function.map(self.nint, "thread", THREADS)(nodes, self.data, self.theta(q))
+        rows, ends = function.map(self.nint, "thread", threads())(nodes, self.data, self.theta(q))
         own = self.function.width
         scale = np.concatenate([self.scaling.slope(q), self.state_scale])
         found = []

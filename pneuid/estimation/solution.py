@@ -1,0 +1,74 @@
+"""A relaxed fit as plain numbers, which another process or a file can hold, and the fit rebuilt from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from pneuid.estimation.fit import Fit, result_of
+from pneuid.estimation.own import declared
+from pneuid.estimation.preparation import Run
+from pneuid.estimation.shooting import Shooting
+from pneuid.estimation.solver import Outcome
+from pneuid.estimation.stages import Relaxed
+from pneuid.physics.smoothing import COARSE
+from pneuid.plant import Plant
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What a relaxed fit found.
+
+    started : parameters (SI) that the problem was set up with; X : its variables; samples : per interval; the rest as in
+    ``Outcome``, ``Relaxed`` and ``Shooting``.
+    """
+
+    law: str
+    effects: tuple[str, ...]
+    started: dict[str, float]
+    ranges: dict[str, float]
+    substeps: int
+    samples: int
+    relaxation: float
+    X: tuple[float, ...]
+    cost: float
+    penalty: float
+    status: str
+    success: bool
+    iterations: int
+    seconds: float
+    level: float
+    loose_cost: float
+
+    @classmethod
+    def of(cls, fit: Fit) -> Self:
+        """The numbers of a relaxed fit."""
+        problem, soft = fit.problem, fit.relaxed
+        return cls(
+            fit.plant.law.name, tuple(effect.name for effect in fit.plant.effects), dict(problem.values), dict(fit.ranges),
+            problem.substeps, problem.samples, problem.relaxation, tuple(soft.X.tolist()), soft.cost, soft.penalty, soft.status,
+            soft.success, soft.iterations, soft.seconds, fit.defect_level, fit.loose_cost,
+        )  # fmt: skip
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Self:
+        """The reverse of ``to_dict``. Raises ``TypeError`` for other content."""
+        return cls(**{**content, "effects": tuple(content["effects"]), "X": tuple(content["X"])})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, words and lists for JSON, which keeps every digit."""
+        return asdict(self)
+
+    def fit(self, plant: Plant, runs: Sequence[Run], noise: Mapping[str, float]) -> Fit:
+        """The fit that has these numbers; ``plant`` and ``runs`` are those it was made with."""
+        free = [item.name for item in declared(plant, [run.own for run in runs])]
+        problem = Shooting(plant, tuple(runs), free, self.started, self.ranges, self.substeps, self.samples)
+        problem.set_smoothing(COARSE)
+        problem.relaxation = self.relaxation
+        found = Outcome(
+            np.array(self.X), self.cost, self.penalty, self.status, self.success, self.iterations, self.seconds
+        )
+        return result_of(problem, dict(noise), Relaxed(found, self.level, self.loose_cost), None, self.seconds)

@@ -1,0 +1,79 @@
+"""Refits of a diagnosis: the same from one process and from two, none made twice, rebuilt from plain numbers."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from pneuid.criticism.refits import Asked, Standing, refit
+from pneuid.criticism.refitter import Refitter
+from pneuid.effects import CATALOGUE, LAW_STEPS
+from pneuid.estimation.fit import Fit
+from pneuid.estimation.solution import Solution
+from pneuid.pool import open_pool
+from pneuid.store import Store
+from tests.helpers import base_fit
+
+ORDER = tuple(CATALOGUE | LAW_STEPS)
+ASKED = (
+    Asked(CATALOGUE["leakage_internal"], {"G_leak": 1e-10}, 0.1, thorough=False),
+    Asked(CATALOGUE["gravity"], {"F_0": 1.0}, 0.1, thorough=False),
+)
+
+
+def _all(refitter: Refitter, base: Fit) -> list[Fit]:
+    return [make() for _, make in refitter.each(base, ASKED)]
+
+
+def test_a_fit_is_rebuilt_from_its_numbers():
+    base = base_fit("leakage_internal")
+    content = json.loads(json.dumps(Solution.of(base).to_dict()))
+    again = Solution.from_dict(content).fit(base.plant, base.runs, base.noise)
+    assert again.values == base.relaxed_values
+    assert (again.loose_cost, again.defect_level, again.status) == (base.loose_cost, base.defect_level, base.status)
+    assert np.array_equal(again.relaxed.X, base.relaxed.X)
+    assert again.problem.evaluate_values(again.relaxed.X)[1] == base.problem.evaluate_values(base.relaxed.X)[1]
+
+
+def test_two_processes_find_what_one_finds_and_what_is_kept_is_not_made_again(tmp_path, monkeypatch):
+    base = base_fit("leakage_internal")
+    here = _all(Refitter(ORDER, store=Store(tmp_path / "here.jsonl")), base)
+    with open_pool(2) as pool:
+        there = _all(Refitter(ORDER, pool=pool, store=Store(tmp_path / "there.jsonl")), base)
+    for one, other in zip(here, there, strict=True):
+        assert one.values == other.values
+        assert one.loose_cost == other.loose_cost
+    for name in ("here", "there"):
+        monkeypatch.setattr("pneuid.criticism.refitter.refit", _forbidden)
+        again = _all(Refitter(ORDER, store=Store(tmp_path / f"{name}.jsonl")), base)
+        assert [fit.values for fit in again] == [fit.values for fit in here]
+
+
+def _forbidden(*_: object) -> Fit:
+    raise AssertionError("made again")
+
+
+@pytest.mark.parametrize("change", ["start", "gain", "base"])
+def test_what_decides_a_refit_is_in_its_key(change, tmp_path, monkeypatch):
+    base, store = base_fit("leakage_internal"), Store(tmp_path / "known.jsonl")
+    monkeypatch.setattr("pneuid.criticism.refitter.refit", lambda *_: base)
+    asked = ASKED[0]
+    next(Refitter(ORDER, store=store).each(base, [asked]))[1]()
+    monkeypatch.setattr("pneuid.criticism.refitter.refit", _forbidden)
+    next(Refitter(ORDER, store=store).each(base, [asked]))[1]()
+    other = {
+        "start": Asked(asked.effect, {"G_leak": 2e-10}, asked.gain, asked.thorough),
+        "gain": Asked(asked.effect, asked.start, 0.2, asked.thorough),
+    }.get(change, asked)
+    if change == "base":
+        base = base_fit("leakage_internal", 2)
+    with pytest.raises(AssertionError, match="made again"):
+        next(Refitter(ORDER, store=store).each(base, [other]))[1]()
+
+
+def test_a_refit_lowers_the_cost_by_what_is_missing_and_not_by_what_is_not():
+    base = base_fit("leakage_internal")
+    leak, weight = (refit(Standing.of(base), asked, ORDER) for asked in ASKED)
+    assert base.loose_cost - leak.loose_cost > 5 * max(base.loose_cost - weight.loose_cost, 1.0)
