@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from helpers import rig
 
+from pneuid.criticism.decision import Verdict
+from pneuid.criticism.diagnosis import Diagnosis, Unknown
 from pneuid.criticism.distil import _fitted
+from pneuid.criticism.ladder import Rung
 from pneuid.criticism.prediction import Frozen, noise_floor
 from pneuid.criticism.probes import Probing
-from pneuid.criticism.unknown import _unknown, ranking, search
+from pneuid.criticism.unknown import Found, _unknown, explained, ranking, search
 from pneuid.effects._formula import SHAPES
 from pneuid.effects._spline import Term, curve, spline
 from pneuid.estimation.fit import Fit, fit
@@ -64,18 +68,46 @@ def test_the_joint_fit_finds_what_a_compiled_spline_finds():
     assert probing.problem.added.max() == 0.0
 
 
-def test_search_names_it_and_judges_on_held_out_runs():
+@cache
+def searched() -> Found | None:
+    """What the search finds on the magnet's runs."""
     found, _ = magnet()
     held = magnet_runs()[1]
     model = Frozen(found.plant, found.values, found.ranges, found.noise, found.substeps)
     floor = noise_floor(model, [prepare(held, found.plant, found.noise)], 1)
-    named = search(found, [held], floor.value)
+    return search(found, [held], floor.value)
+
+
+def test_search_names_it_and_judges_on_held_out_runs():
+    named = searched()
     assert named is not None and named.explained > 0.8
     rest = _unknown(named)
     assert rest.equation == "force" and rest.depends_on == ("x",) and rest.unit == "N" and 1.0 < rest.rms < 15.0
     assert rest.effect is not None and rest.effect.startswith("spline:force(x")
     raw = rest.to_dict()
     assert raw["curve"]["unit"] == "N" and len(raw["curve"]["at"]) == len(raw["curve"]["std"])
+
+
+STOOD_IN = [(0.3, 0.95, "unknown"), (0.3, 0.7, "effect"), (0.7, 0.99, "effect")]
+
+
+@pytest.mark.parametrize(("explains", "alone", "verdict"), STOOD_IN)
+def test_an_effect_that_stood_in_for_the_unknown_gives_way_to_it(explains, alone, verdict, monkeypatch):
+    """The named effect explains a share of the held-out excess of 99 floors, the unknown term alone another."""
+    base, (_, held), named = magnet()[0], magnet_runs(), searched()
+    assert named is not None
+    monkeypatch.setattr(
+        "pneuid.criticism.unknown.search", lambda *_: replace(named, before=100.0, after=1.0 + 99.0 * (1.0 - alone))
+    )
+    rungs = [
+        Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6)
+        for effects, error in (((), 10.0), (("friction_position",), np.sqrt(1.0 + 99.0 * (1.0 - explains))))
+    ]
+    diagnosis = Diagnosis("effect", ("friction_position",), (), Unknown("force", ("x",), 1.0, "N"))
+    found = explained(Verdict(diagnosis, base, rungs), base, [held]).diagnosis
+    assert found.verdict == verdict
+    assert found.effects == (() if verdict == "unknown" else ("friction_position",))
+    assert found.unknown is not None and found.unknown.curve is not None
 
 
 AT = np.linspace(0.1, 0.4, 121)

@@ -56,8 +56,9 @@ LEAST_EXPLAINED = 0.25
 TIED = 0.03
 """Share of the drop of the cost within which two terms explain the data alike."""
 
-CLEARLY = 0.5
-"""A term alone takes the place of accepted effects when it leaves less than this share of the excess that they leave."""
+HALF, NEARLY_ALL = 0.5, 0.9
+"""A term alone takes the place of accepted effects that explain less than the first share of the held-out excess when it
+explains more than the second, or, where they are called a minor part already, leaves less than the first of what they leave."""
 
 Say = Callable[[str], None]
 
@@ -179,15 +180,18 @@ def explained(verdict: Verdict, base: Fit, hold_out: Sequence[Recording], say: S
 
     base : the fit that was diagnosed. A term that alone explains clearly more than the accepted effects takes their place.
     """
-    diagnosis, last = verdict.diagnosis, [rung for rung in verdict.rungs if rung.accepted][-1]
+    diagnosis, climbed = verdict.diagnosis, [rung for rung in verdict.rungs if rung.accepted]
     if diagnosis.unknown is None:
         return verdict
-    floor = last.noise_floor
-    left = float(np.mean([(last.hold_out[name] / floor[name]) ** 2 for name in floor])) - 1.0
-    # effects that explain a good part of the held-out excess stand; one that explains little may stand in for the rest
-    if diagnosis.effects and diagnosis.verdict == "unknown":
+    floor = climbed[-1].noise_floor
+    excess, left = (
+        float(np.mean([(rung.hold_out[name] / floor[name]) ** 2 for name in floor])) - 1.0 for rung in (climbed[0], climbed[-1])
+    )
+    # effects that explain a good part of the held-out excess stand; what explains little may stand in for the rest
+    minor = diagnosis.verdict == "unknown"
+    if diagnosis.effects and (minor or left > HALF * excess):
         alone = search(base, hold_out, floor, say)
-        if alone is not None and alone.after - 1.0 < CLEARLY * left:
+        if alone is not None and (alone.explained > NEARLY_ALL or (minor and alone.after - 1.0 < HALF * left)):
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
             found = replace(
                 diagnosis, verdict="unknown", effects=(), unknown=_unknown(alone),
