@@ -116,18 +116,16 @@ def test_two_gigabytes_are_refused_before_they_are_read(window, tmp_path):
     window.upload(large)
     words = "refused: an upload may have 200 MB; copy larger files into the project folder instead"
     window.wait(lambda: words in window.driver.find_element(CSS, "body").text, what="the refusal in the page")
-    began = time.monotonic()
+    # answered although not a byte of the body is ever sent
     status, body = asked(window.site, "POST", path, **{"Content-Length": str(2 * GIGABYTE)})
     assert status == 413
     assert b"2048 MB is more than the 200 MB" in body
-    assert time.monotonic() - began < 5
     # and one that was copied into the folder is named, not read
     target = window.site.folder / "large.csv"
     large.replace(target)
     window.wait(lambda: "cannot be used" in window.text("runs"), 20, "the mark on the large run")
     row = "[...document.querySelectorAll('.run-row')].find(row => row.innerText.includes('large.csv')).click()"
-    window.driver.execute_script(row)
-    window.wait(lambda: "2.0 GB is more than the 1 GB" in window.text("fault"), what="the reason")
+    window.press_until(row, lambda: "2.0 GB is more than the 1 GB" in window.text("fault"), "the reason")
     target.unlink()
     window.wait(lambda: "large.csv" not in window.text("runs"), 20, "the run to go")
 
@@ -139,9 +137,8 @@ def test_two_windows_cannot_start_two_fits(site, window, tmp_path):
             one.go("fit", "fit")
             one.wait(lambda one=one: one.find("fit")[0].is_enabled(), 60, "the button")
         click = "document.querySelector('[data-testid=fit]').click()"
-        window.driver.execute_script(click)
-        second.driver.execute_script(click)
-        window.wait(lambda: window.text("job").startswith("fit: "), what="the fit")
+        for one in (window, second):
+            one.press_until(click, lambda one=one: one.text("job").startswith("fit: "), "the fit")
         second.wait(lambda: not second.find("fit")[0].is_enabled(), what="the button to be held back")
         second.press("cancel")
         for one in (window, second):

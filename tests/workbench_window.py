@@ -165,6 +165,17 @@ class Window:
                 time.sleep(0.1)
         raise AssertionError(f"{job} did not start; job: {self.text('job')!r}")
 
+    def press_until(self, script: str, done, what: str) -> None:
+        """Run a script that clicks until its effect shows, for the same reason."""
+        for _ in range(10):
+            self.driver.execute_script(script)
+            end = time.monotonic() + 5
+            while time.monotonic() < end:
+                if done():
+                    return
+                time.sleep(0.1)
+        raise AssertionError(f"waited for {what}; job: {self.text('job')!r}")
+
     def go(self, view: str, shows: str) -> None:
         self.press(f"tab-{view}")
         self.wait(lambda: bool(self.find(shows)), what=shows)

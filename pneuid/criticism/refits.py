@@ -51,8 +51,9 @@ def refit(base: Standing, asked: Asked, order: Sequence[str], monitor: Monitor |
 
     First warm, from the base's values and nodes and half way to the screened values: what the base is linear in gets there
     in one step anyway, and beyond the linear range the whole way may overshoot into another minimum. Where that falls short of
-    what screening predicts, again from the data's own guess where the refit shall be ``thorough``, and on a bench always: there
-    a base model that lacks something often ends with a friction from which no step leads back. The better one is kept.
+    what screening predicts, again from the data's own guess where the refit shall be ``thorough``. On a bench, where a base
+    model that lacks something often ends with a friction from which no step leads back, a thorough refit always starts twice
+    and another one where the first start falls short. The better one is kept.
     """
     plant, values = _plant_with(base, asked, order)
     off = {item.name: item.off for item in plant.parameters if item.off is not None}
@@ -63,7 +64,7 @@ def refit(base: Standing, asked: Asked, order: Sequence[str], monitor: Monitor |
     warm = _warm(base, plant, values | halfway, monitor)
     predicted = base.loose_cost * (1.0 - asked.gain)
     enough = warm.loose_cost < base.loose_cost * (1.0 - ENOUGH * asked.gain) and warm.loose_cost < OVER * predicted
-    if plant.servo and (enough or not asked.thorough):
+    if (enough and (plant.servo or not asked.thorough)) or (plant.servo and not asked.thorough):
         return warm
     effect_values = {name: value for name, value in values.items() if plant.owner[name] is not None}
     cold = fit(plant, recordings, effect_values, base.noise, monitor, exact=False, prepared=base.runs)

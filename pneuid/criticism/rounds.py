@@ -38,6 +38,10 @@ CLEAR_SHARE = 0.50
 SOME_SHARE, CLEAR_DROP = 0.20, 0.05
 """The same for one that lowers the cost of the training runs by more than the second: far more than a form that differs."""
 
+LEAST_PART = 0.05
+"""Drop of the training cost, relative to what the effects before it brought, that a later effect must bring: where the rig's own
+form differs from the catalogue's, what is left attracts others, by 2 to 4 %."""
+
 SECOND_LOOKS = 6
 """Effects on the loudest balance refitted where the leading ones do not help: a linear prediction misses what acts in jerks."""
 
@@ -102,7 +106,8 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[
         drop = current.fit.loose_cost - trial.fit.loose_cost
         told = part >= SOME_SHARE and drop >= CLEAR_DROP * current.fit.loose_cost
         share = fall / original >= LEAST_SHARE or part >= CLEAR_SHARE or told
-        if excess > 0 and fall > 3 * judge.spread and share and drop > LEAST_DROP and _inside_bounds(score, trial):
+        least = max(LEAST_DROP, LEAST_PART * (first.fit.loose_cost - current.fit.loose_cost))
+        if excess > 0 and fall > 3 * judge.spread and share and drop > least and _inside_bounds(score, trial):
             good.append((score, trial))
     return min(good, key=lambda item: item[1].error) if good else None
 
