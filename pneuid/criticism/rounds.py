@@ -39,8 +39,8 @@ SOME_SHARE, CLEAR_DROP = 0.20, 0.05
 """The same for one that lowers the cost of the training runs by more than the second: far more than a form that differs."""
 
 LEAST_PART = 0.05
-"""Drop of the training cost, relative to what the effects before it brought, that a later effect must bring: where the rig's own
-form differs from the catalogue's, what is left attracts others, by 2 to 4 %."""
+"""Drop of the training cost, relative to what the effects before it brought, that a later effect must bring: where the rig
+differs in form from the catalogue, what is left attracts others, by 2 to 4 %."""
 
 SECOND_LOOKS = 6
 """Effects on the loudest balance refitted where the leading ones do not help: a linear prediction misses what acts in jerks."""
