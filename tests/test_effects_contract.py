@@ -419,8 +419,8 @@ REACHES = {
 }
 """What an effect in each equation may change at a given state; a sensor changes what it shows alone."""
 
-BESIDE = {"channel_skew": {"shown_p2"}}
-"""What an effect changes besides, because it is one cause in two sensors."""
+BESIDE = {"channel_skew": {"shown_x", "shown_p2"}}
+"""What an effect changes besides, because it is one cause in three sensors."""
 
 
 def check_enters_where_it_says(case: Case) -> None:

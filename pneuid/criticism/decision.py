@@ -18,7 +18,7 @@ from pneuid.criticism.defects import equation_defects, node_jumps
 from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.rounds import Say, accepted, refitted, same_floor, second_looks
+from pneuid.criticism.rounds import Say, Tried, accepted, brought, refitted, same_floor, second_looks
 from pneuid.criticism.screening import Score, screen
 from pneuid.criticism.trial import Judge, Trial, judge_of
 from pneuid.effect import Effect
@@ -27,8 +27,11 @@ from pneuid.estimation.preparation import prepare
 from pneuid.recording import Recording
 
 TELLING = 0.03
-"""Share of the held-out excess, or of the gain on the training runs, by which the better of two effects of one group must lead
+"""Share of the held-out excess, or of the gain on the training runs, by which the better of two effects must lead
 to be told from the other: the error 200 ms ahead has heavy tails, at break-away, that make smaller leads accidental."""
+
+SURE = 5.0
+"""Half the sum of squares by which it must lead on the training runs at least: 3 standard deviations."""
 
 DEFECT_RATIO = 1.5
 """Defect of a balance over what noise alone leaves, below which nothing unknown can be named in any equation."""
@@ -73,7 +76,7 @@ def diagnose(
         for score in scores:
             ranking.setdefault(score.effect.name, _screened(score))
         say(_leading(scores))
-        tried = refitted(current, scores, judge, refitter, not named, say)
+        tried = refitted(current, first, scores, judge, refitter, say)
         judge, current, first, tried = same_floor(judge, current, first, tried)
         chosen = accepted(tried, current, first, judge)
         if chosen is None and not named and current.error - 1.0 > judge.small and _loudest(current) > DEFECT_RATIO:
@@ -129,18 +132,16 @@ def _record(
     )  # fmt: skip
 
 
-def _rivals(chosen: tuple[Score, Trial], trials: Sequence[tuple[Score, Trial]], current: Trial) -> tuple[str, ...]:
-    """Members of the chosen effect's group that explain the held-out runs and the training runs about as well."""
+def _rivals(chosen: tuple[Score, Trial], tried: Tried, current: Trial) -> tuple[str, ...]:
+    """Other effects that explain the held-out runs and the training runs about as well as the chosen one."""
     excess = max(current.error - 1.0, 1e-12)
-    best = chosen[1].error
-    gain = max(current.fit.loose_cost - chosen[1].fit.loose_cost, 1e-12)
+    gain = max(brought(current, chosen[1]), 1e-12)
     return tuple(
         score.effect.name
-        for score, trial in trials
+        for score, trial in tried
         if score is not chosen[0]
-        and (trial.error - best) / excess < TELLING
-        and (trial.fit.loose_cost - chosen[1].fit.loose_cost) / gain < TELLING
-        and (score.effect.name in chosen[0].group or chosen[0].effect.name in score.group)
+        and (trial.error - chosen[1].error) / excess < TELLING
+        and brought(trial, chosen[1]) < max(TELLING * gain, SURE)
     )
 
 

@@ -22,10 +22,6 @@ REFITS, LATER_REFITS = 3, 2
 WORTH_REFITTING = 0.15
 """Share of the leading effect's predicted drop below which another is not refitted."""
 
-WORTH_ADDING = 0.01
-"""Predicted relative drop of the cost below which a later effect is not refitted: the right effect in the catalogue's form
-leaves up to that much to others where the rig's own form differs."""
-
 CLOSE = 0.5
 """Share of the leading effect's predicted drop above which another is refitted although the leading one explains all."""
 
@@ -60,18 +56,20 @@ Tried = list[tuple[Score, Trial]]
 
 
 def refitted(
-    current: Trial, scores: Sequence[Score], judge: Judge, refitter: Refitter, first: bool, say: Say
+    current: Trial, first: Trial, scores: Sequence[Score], judge: Judge, refitter: Refitter, say: Say
 ) -> Tried:
-    """Trials with the leading effects and their group mates added, best predicted first.
+    """Trials with the leading effects and their group mates added to the current model, best predicted first.
 
-    ``first``: nothing has been added yet. What comes after the runner-up is spared where one before explains all there is.
+    ``first`` is the base model's trial. What comes after the runner-up is spared where one before explains all there is.
     """
-    chosen = list(_shortlist(scores, REFITS, 0.0) if first else _shortlist(scores, LATER_REFITS, WORTH_ADDING))
+    newly = current.added is None
+    least = LEAST_DROP if newly else max(LEAST_DROP, LEAST_PART * brought(first, current))
+    chosen = list(_shortlist(scores, REFITS if newly else LATER_REFITS, least))
     if not chosen:
         return []
     leader = scores[0]
     related = {leader.effect.name, *leader.group}
-    asked = [Asked(one.effect, one.start, one.gain, first and one.effect.name in related) for one in chosen]
+    asked = [Asked(one.effect, one.start, one.gain, newly and one.effect.name in related) for one in chosen]
     tried: Tried = []
     for score, (_, make) in zip(chosen, refitter.each(current.fit, asked), strict=True):
         minor = score.effect.name not in related and score.drop < CLOSE * leader.drop
@@ -103,10 +101,10 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[
     for score, trial in tried:
         fall = current.error - trial.error
         part = fall / max(excess, 1e-12)
-        drop = current.fit.loose_cost - trial.fit.loose_cost
+        drop = brought(current, trial)
         told = part >= SOME_SHARE and drop >= CLEAR_DROP * current.fit.loose_cost
         share = fall / original >= LEAST_SHARE or part >= CLEAR_SHARE or told
-        least = max(LEAST_DROP, LEAST_PART * (first.fit.loose_cost - current.fit.loose_cost))
+        least = max(LEAST_DROP, LEAST_PART * brought(first, current))
         if excess > 0 and fall > 3 * judge.spread and share and drop > least and _inside_bounds(score, trial):
             good.append((score, trial))
     return min(good, key=lambda item: item[1].error) if good else None
@@ -121,10 +119,17 @@ def same_floor(judge: Judge, current: Trial, first: Trial, tried: Tried) -> tupl
     return judge, judge.judged(current), judge.judged(first), again
 
 
-def _shortlist(scores: Sequence[Score], most: int, least_gain: float) -> Iterator[Score]:
-    """The leading effects, then the group mates of the first."""
-    least = max(LEAST_DROP, WORTH_REFITTING * scores[0].drop) if scores else LEAST_DROP
-    chosen = [score for score in scores if score.drop > least and score.gain >= least_gain][:most]
+def brought(before: Trial, after: Trial) -> float:
+    """By how much the cost of the training runs fell: with tight defects where both have them, which see more."""
+    if before.fit.problem.relaxation == after.fit.problem.relaxation:
+        return before.fit.relaxed_cost - after.fit.relaxed_cost
+    return before.fit.loose_cost - after.fit.loose_cost
+
+
+def _shortlist(scores: Sequence[Score], most: int, least: float) -> Iterator[Score]:
+    """The leading effects whose predicted drop is above ``least``, then the group mates of the first."""
+    least = max(least, WORTH_REFITTING * scores[0].drop) if scores else least
+    chosen = [score for score in scores if score.drop > least][:most]
     yield from chosen
     mates = {name for score in chosen[:1] for name in score.group} - {score.effect.name for score in chosen}
     yield from (score for score in scores if score.effect.name in mates and score.drop > LEAST_DROP)

@@ -1,4 +1,4 @@
-"""Pressure channels sampled late against the position."""
+"""Position and pressure channels sampled late against the command."""
 
 from __future__ import annotations
 
@@ -12,11 +12,15 @@ _SOURCE = (
 
 
 class ChannelSkew(Effect):
-    """Both pressures are shown as they were ``tau`` earlier: ``p - tau dp/dt``, first order in ``tau``."""
+    """Position and pressures are shown as they were ``tau_x`` and ``tau_p`` earlier: ``y - tau dy/dt``, first order in ``tau``.
+
+    A logger that reads its channels in turn gives each an age of its own; what both have in common is like a late command.
+    """
 
     name = "channel_skew"
     mechanism = (
-        "the pressure channels are filtered or sampled later than the position, so that the two do not belong together"
+        "the logger reads its channels in turn or filters some of them, so that command, position and pressures of one row "
+        "do not belong together"
     )
     equation = "sensor_p1"
     reference = _SOURCE
@@ -25,10 +29,16 @@ class ChannelSkew(Effect):
     rigs = ("servo",)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Time by which the pressures are late; negative when the position is."""
-        return (Parameter("skew", "τ_c", "s", -0.02, 0.02, 0.0, 1e-3, _SOURCE, off=0.0),)
+        """Ages of position and pressures against the command's time stamp; negative when they are ahead of it."""
+        return (
+            Parameter("skew_x", "τ_x", "s", -0.02, 0.02, 0.0, 1e-3, _SOURCE, off=0.0),
+            Parameter("skew_p", "τ_p", "s", -0.02, 0.02, 0.0, 1e-3, _SOURCE, off=0.0),
+        )
 
     def sensor(self, signal: str, value: Expression, scope: Scope) -> Expression:
-        """Take back what the pressures gained in that time."""
-        rates = {"p1": scope.p1_rate, "p2": scope.p2_rate}
-        return value - scope.p.skew * rates[signal] if signal in rates else value
+        """Take back what the signal gained in that time."""
+        gained = {"x": (scope.p.skew_x, scope.v), "p1": (scope.p.skew_p, scope.p1_rate), "p2": (scope.p.skew_p, scope.p2_rate)}
+        if signal not in gained:
+            return value
+        age, rate = gained[signal]
+        return value - age * rate
