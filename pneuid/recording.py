@@ -97,6 +97,11 @@ class Recording:
             signals[signal] = factor * values + offset
             source.columns[signal] = (column, values)
         notes = [f"{name} is not used: {why}" for name, why in table.ignored.items()]
+        notes += [
+            f"{signal}: {table.placed[column]}, its samples stand at the nearest of the others' times"
+            for signal, column in used.items()
+            if column in table.placed
+        ]
         extra = tuple(str(column) for column in table.frame.columns if column not in used.values())
         return _checked(signals, rig, source, extra, notes)
 

@@ -349,6 +349,44 @@ def test_mdf_channels_of_two_rates_are_refused_with_both(ending: str, tmp_path: 
     assert "it cannot be used: it is recorded at 10 Hz" in run_refused(noted, {"columns": {"p1": {"column": "oil"}}})
 
 
+GAPS = {"files": {"gaps": True}}
+
+
+def assert_slow_pressure(path: Path) -> None:
+    """p1 stands at every tenth sample, where it was recorded, and weighs nothing between."""
+    run = Recording.read(path, Rig.from_dict(BENCH | GAPS))
+    assert run.n == N and set(run.recorded) == {"x", "F", "p1"}
+    np.testing.assert_array_equal(np.flatnonzero(run.weights["p1"]), np.arange(0, N, 10))
+    np.testing.assert_allclose(run.signals["p1"][::10], 1e5 * (1.0 + np.arange(4)) + 101325.0, rtol=1e-9)
+    assert np.all(run.weights["x"] == 1.0)
+    noted = " | ".join(run.notes)
+    assert "p1: recorded at 10 Hz (4 samples" in noted and "p1: 36 missing samples filled linearly, weight 0" in noted
+
+
+@needs_mdf
+@BOTH_MDF
+def test_mdf_channels_of_a_slower_rate_have_gaps_between_where_gaps_are_allowed(ending: str, tmp_path: Path) -> None:
+    fast = ("fast", [("x", "mm", X), ("F", "N", F)], T)
+    slow = ("slow", [("p1", "bar", 1.0 + np.arange(4))], T[::10] + 2e-3)
+    assert_slow_pressure(mdf(tmp_path / f"a{ending}", fast, slow))
+    # a faster channel of no signal does not become the time of the others, a faster one of a signal does
+    rapid = ("rapid", [("noise", "V", np.zeros(10 * N))], 1e-3 * np.arange(10 * N))
+    assert_slow_pressure(mdf(tmp_path / f"b{ending}", fast, slow, rapid))
+    rapid = ("rapid", [("v", "mm/s", np.ones(10 * N))], 1e-3 * np.arange(10 * N))
+    run = Recording.read(mdf(tmp_path / f"c{ending}", fast, slow, rapid), Rig.from_dict(BENCH | GAPS))
+    assert run.n == 10 * N and np.count_nonzero(run.weights["x"]) == N
+    # one that was recorded at another time has no sample to stand at
+    later = ("slow", [("p1", "bar", np.ones(4))], T[::10] + 100.0)
+    assert "column 'p1'" in run_refused(mdf(tmp_path / f"d{ending}", fast, later), GAPS)
+
+
+@needs_tdms
+def test_tdms_channels_of_a_slower_rate_have_gaps_between_where_gaps_are_allowed(tmp_path: Path) -> None:
+    fast = [("a", "x", X, wave("mm")), ("a", "F", F, wave("N"))]
+    slow = ("b", "p1", 1.0 + np.arange(4), wave("bar", 0.1, offset=0.002))
+    assert_slow_pressure(tdms(tmp_path / "a.tdms", *fast, slow))
+
+
 @needs_mdf
 @BOTH_MDF
 def test_mdf_groups_of_the_same_times_are_one_table(ending: str, tmp_path: Path) -> None:

@@ -66,7 +66,9 @@ class Run:
 def noise_of(rig: Rig, recordings: Sequence[Recording]) -> dict[str, float]:
     """1-sigma of every measured output and, on a bench, of the measured position (SI)."""
     names = ("x", "p1", "p2") if rig.kind == "servo" else ("F", "x")
-    noise = sensor_noise(rig.noise, {name: [run.signals[name] for run in recordings] for name in names})
+    # without what was filled in between: a straight line has no noise
+    seen = {name: [run.signals[name][run.weights[name] > 0] for run in recordings] for name in names}
+    noise = sensor_noise(rig.noise, seen)
     # a noise-free record would have infinite weights; a tenth of a ppm of the range is below any sensor
     for name, value in noise.items():
         span = max(float(np.ptp(run.signals[name])) for run in recordings)

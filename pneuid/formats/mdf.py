@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pneuid.errors import UserError
-from pneuid.formats.series import FloatArray, Series, assemble, library, main_base, pace, reading, same_times
+from pneuid.formats.series import ONE_RATE, FloatArray, Series, assemble, library, main_base, pace, reading, same_times
 from pneuid.formats.table import FileLayout, RawTable
 
 _FORMULA_3, _FORMULA_4 = 10, 3
@@ -23,7 +23,7 @@ _TIME = 1
 
 
 def read_mdf(path: Path, layout: FileLayout) -> RawTable:
-    """Read the channels of an MDF file as columns; ``layout`` does not apply.
+    """Read the channels of an MDF file as columns; ``layout.gaps`` takes slower channels too, the rest does not apply.
 
     Samples that the file marks as invalid are NaN. Channels of another rate than most signals, over angle or
     distance, of text, arrays or by a formula are listed in ``ignored``. Raises ``UserError`` for a file that is
@@ -48,15 +48,16 @@ def read_mdf(path: Path, layout: FileLayout) -> RawTable:
                 series.append(Series(channel.name, values, base, times.all[base].size, place, _unit(channel)))
         if not series:
             raise UserError(f"{path}: holds no channel of numbers over time")
-        main = main_base(series)
+        main = main_base(series, layout.gaps)
         here = times.pace(main)
         return assemble(
             path,
             series,
             main,
-            lambda one: f"it is recorded at {times.pace(one.base)}, the others at {here}; save all at one rate",
+            lambda one: f"it is recorded at {times.pace(one.base)}, the others at {here}; {ONE_RATE}",
             ignored,
             time=lambda: times.all[main],
+            times=times.all.__getitem__ if layout.gaps else None,
         )
 
 

@@ -1,7 +1,8 @@
 """What the readers of binary formats share: series with a name, a unit and a time base become one table.
 
 A run has one time base. Where a file holds several, the one that carries most of the signals is taken and
-the rest is set aside with the reason in words, never resampled.
+the rest is set aside with the reason in words. Where gaps are allowed, it is the fastest that carries a signal, and samples of
+slower ones are put beside those nearest in time: the others are missing, nothing is resampled.
 """
 
 from __future__ import annotations
@@ -34,6 +35,10 @@ FloatArray = NDArray[np.float64]
 
 MOST_VALUES = 2**28
 """Most numbers a table may hold (2 GB); a damaged file may claim any size."""
+ONE_RATE = "save all at one rate, or set [files] gaps = true in rig.toml, and slower ones are taken with gaps between"
+"""What to do about a series on another time base."""
+LEAST_PLACED = 4
+"""Fewest samples of a slower series inside the time of the others."""
 SAME_TIME = 1e-3
 """Two time bases are one when no sample differs by more than this share of the time step (as a uniform run's jitter)."""
 
@@ -120,15 +125,19 @@ def _forget(error: BaseException | None) -> None:
     gc.collect()
 
 
-def main_base(series: Iterable[Series[B]]) -> B:
-    """The time base with most of the program's signals; on a tie with most series, then with most samples."""
+def main_base(series: Iterable[Series[B]], gaps: bool = False) -> B:
+    """The time base with most of the program's signals; on a tie with most series, then with most samples.
+
+    With ``gaps`` the one with most samples among those that carry a signal.
+    """
     groups: dict[B, list[Series[B]]] = {}
     for one in series:
         groups.setdefault(one.base, []).append(one)
 
     def rank(base: B) -> tuple[int, int, int]:
         there = groups[base]
-        return sum(one.name in SIGNALS for one in there), len(there), there[0].length
+        signals, samples = sum(one.name in SIGNALS for one in there), there[0].length
+        return (min(signals, 1), samples, len(there)) if gaps else (signals, len(there), samples)
 
     return max(groups, key=rank)
 
@@ -141,11 +150,13 @@ def assemble(
     ignored: dict[str, str],
     time: Callable[[], FloatArray] | None = None,
     row_word: str = "sample",
+    times: Callable[[B], FloatArray] | None = None,
 ) -> RawTable:
     """The table of the series on the base ``main``; ``apart`` says why another one is not in it.
 
     A column is named as its series where that is unambiguous in the file, else ``group/name``. ``time``
-    becomes the column ``t`` [s] where no series of that name is in the table.
+    becomes the column ``t`` [s] where no series of that name is in the table. ``times`` gives the times of a base where
+    samples of slower ones may be put among those of ``main``.
     """
     beside = [one for one in series if one.base == main]
     length = max(one.length for one in beside)
@@ -155,15 +166,21 @@ def assemble(
         )
     columns: dict[str | int, Any] = {}
     units: dict[str | int, str] = {}
+    placed: dict[str | int, str] = {}
     index = pd.RangeIndex(1, length + 1)
     named, left, doubtful = _addressed(series)
     for name, one in named.items():
         unit, conflict = _unit(one)
-        reason = apart(one) if one.base != main else conflict
+        where = None if times is None or one.base == main else _places(times(one.base), times(main))
+        reason = apart(one) if one.base != main and where is None else conflict
         if reason:
             left[name] = reason
             continue
         values = np.asarray(one.values())
+        if where is not None and values.shape == (one.length,) and values.dtype.kind in "fiub":
+            values, slow = np.full(length, np.nan), values
+            values[where[where >= 0]] = slow[where >= 0]
+            placed[name] = apart(one).partition(", the others")[0].removeprefix("it is ")
         if values.shape != (length,) or values.dtype.kind not in "fiubO":
             real = values.dtype.kind in "fiubO"
             left[name] = f"{values.shape} values where {length} are expected" if real else "not real numbers"
@@ -180,7 +197,21 @@ def assemble(
     short = {_split(name.rpartition("/")[2])[0]: reason for name, reason in ignored.items()}
     doubtful = {name: reason for name, reason in (short | doubtful | left).items() if name not in columns}
     frame = pd.DataFrame(columns, index=index)
-    return RawTable(frame=frame, units=units, row_word=row_word, ignored=_lines(ignored | left), apart=_lines(doubtful))
+    return RawTable(
+        frame=frame, units=units, row_word=row_word, ignored=_lines(ignored | left), apart=_lines(doubtful), placed=placed
+    )  # fmt: skip
+
+
+def _places(own: FloatArray, main: FloatArray) -> NDArray[np.int64] | None:
+    """Sample of ``main`` nearest in time to each of ``own``, -1 before its start and after its end; None where two of them
+    would fall together, or next to none lies inside."""
+    after = np.clip(np.searchsorted(main, own), 1, main.size - 1)
+    nearest = np.where(own - main[after - 1] < main[after] - own, after - 1, after)
+    step = float(np.median(np.diff(main)))
+    nearest[(own < main[0] - 0.5 * step) | (own > main[-1] + 0.5 * step)] = -1
+    inside = nearest[nearest >= 0]
+    together = np.unique(inside).size < inside.size
+    return None if together or inside.size < LEAST_PLACED else nearest
 
 
 def same_times(first: FloatArray, second: FloatArray) -> bool:

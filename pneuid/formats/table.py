@@ -39,7 +39,8 @@ class RawTable:
     or the cells' text where a cell is not a number. ``units``: the unit of a column where the file states
     one. ``row_word``: what the index counts. ``ignored``: name -> why a variable is not a column. ``apart``:
     name without group -> why it is in the file but not a column (another rate, several of that name, two units):
-    a signal among them is refused, not taken as absent.
+    a signal among them is refused, not taken as absent. ``placed``: column -> at which rate it was recorded, for columns whose
+    samples were put where they belong among those of a faster one, NaN between them.
     """
 
     frame: pd.DataFrame
@@ -47,6 +48,7 @@ class RawTable:
     row_word: str = "row"
     ignored: dict[str, str] = field(default_factory=dict)
     apart: dict[str, str] = field(default_factory=dict)
+    placed: dict[str | int, str] = field(default_factory=dict)
 
     def numbers(self, column: str | int, gaps: bool, where: str) -> NDArray[np.float64]:
         """The column as floats, shape (N,), NaN where a sample is missing.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pneuid.errors import UserError
-from pneuid.formats.series import SAME_TIME, FloatArray, Series, assemble, library, main_base, pace, reading
+from pneuid.formats.series import ONE_RATE, SAME_TIME, FloatArray, Series, assemble, library, main_base, pace, reading
 from pneuid.formats.table import FileLayout, RawTable
 
 
@@ -38,7 +38,7 @@ class _Base:
 
 
 def read_tdms(path: Path, layout: FileLayout) -> RawTable:
-    """Read the channels of a TDMS file as columns; ``layout`` does not apply.
+    """Read the channels of a TDMS file as columns; ``layout.gaps`` takes slower channels too, the rest does not apply.
 
     The unit is the property ``unit_string``. The time is a channel ``t``, else it comes from ``wf_increment``
     and ``wf_start_offset``. A channel of time stamps is read as seconds from its first one. A channel without
@@ -63,14 +63,15 @@ def read_tdms(path: Path, layout: FileLayout) -> RawTable:
             Series(channel.name, partial(_values, channel), base, base.samples, channel.group_name, _unit(channel))
             for channel, base in zip(usable, _merged(_bases(usable)), strict=True)
         ]
-        main = main_base(series)
+        main = main_base(series, layout.gaps)
         return assemble(
             path,
             series,
             main,
-            lambda one: f"it is recorded at {one.base}, the others at {main}; save all at one rate",
+            lambda one: f"it is recorded at {one.base}, the others at {main}; {ONE_RATE}",
             ignored,
             time=main.times if main.step > 0.0 else None,
+            times=_Base.times if layout.gaps and main.step > 0.0 else None,
         )
 
 
