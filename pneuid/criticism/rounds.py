@@ -22,6 +22,10 @@ REFITS, LATER_REFITS = 3, 2
 WORTH_REFITTING = 0.15
 """Share of the leading effect's predicted drop below which another is not refitted."""
 
+WORTH_ADDING = 0.01
+"""Predicted relative drop of the cost below which a later effect is not refitted: the right effect in the catalogue's form
+leaves up to that much to others where the rig's own form differs."""
+
 CLOSE = 0.5
 """Share of the leading effect's predicted drop above which another is refitted although the leading one explains all."""
 
@@ -63,7 +67,8 @@ def refitted(
     ``first`` is the base model's trial. What comes after the runner-up is spared where one before explains all there is.
     """
     newly = current.added is None
-    least = LEAST_DROP if newly else max(LEAST_DROP, LEAST_PART * brought(first, current))
+    worth = max(LEAST_PART * brought(first, current), WORTH_ADDING * current.fit.relaxed_cost)
+    least = LEAST_DROP if newly else max(LEAST_DROP, worth)
     chosen = list(_shortlist(scores, REFITS if newly else LATER_REFITS, least))
     if not chosen:
         return []
