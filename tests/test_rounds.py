@@ -1,0 +1,160 @@
+"""The rules of a round: what is refitted, what is spared, what is accepted, and who counts as a rival."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pneuid.criticism import rounds
+from pneuid.criticism.decision import _rivals
+from pneuid.criticism.prediction import NoiseFloor
+from pneuid.criticism.refits import Asked
+from pneuid.criticism.screening import Score
+from pneuid.criticism.trial import Judge, Trial
+from pneuid.effects import CATALOGUE
+
+JUDGE = SimpleNamespace(spread=0.02, small=0.15)
+
+
+def stub(error: float, cost: float, added: str | None = None, relaxation: float = 0.1) -> Trial:
+    """A trial with the held-out error (squared floors) and cost of the training runs that matter here."""
+    fit = SimpleNamespace(relaxed_cost=cost, loose_cost=cost, problem=SimpleNamespace(relaxation=relaxation))
+    return Trial(fit, error, error, {}, {}, {}, added)  # type: ignore[arg-type]
+
+
+def score(name: str, drop: float, group: tuple[str, ...] = ()) -> Score:
+    return Score(CATALOGUE[name], drop, drop / 3e4, 1, {}, group)
+
+
+@pytest.fixture(autouse=True)
+def _amplitudes_are_inside(monkeypatch):
+    monkeypatch.setattr(rounds, "_inside_bounds", lambda *_: True)
+
+
+FIRST = stub(145.0, 43_000.0)
+ALONE = stub(30.8, 27_600.0, "valve_null_leakage")
+"""A null leak in another form than the catalogue's: what is left attracts a dead zone."""
+
+
+@pytest.mark.parametrize(
+    ("current", "error", "cost", "taken"),
+    [
+        (FIRST, 30.8, 27_600.0, True),  # removes most
+        (FIRST, 144.97, 27_600.0, False),  # no more than noise gives
+        (FIRST, 135.0, 42_000.0, False),  # less than a tenth
+        (FIRST, 30.8, 42_990.0, False),  # the training runs know nothing of it
+        (ALONE, 12.0, 27_000.0, False),  # 63 % of what is left, but 4 % of what the first brought
+        (ALONE, 12.0, 26_000.0, True),
+        (ALONE, 24.0, 26_000.0, True),  # a fifth of what is left, and a twentieth of the cost
+        (ALONE, 24.0, 26_700.0, False),
+        (ALONE, 26.0, 26_000.0, False),
+    ],
+)
+def test_what_is_accepted(current, error, cost, taken):
+    tried = [(score("valve_dead_zone", 500.0), stub(error, cost, "valve_dead_zone"))]
+    found = rounds.accepted(tried, current, FIRST, JUDGE)
+    assert (found is not None) == taken
+
+
+def test_the_best_on_held_out_runs_is_accepted_not_the_best_on_training_runs():
+    tried = [(score("gravity", 900.0), stub(20.0, 26_000.0)), (score("load_mass", 800.0), stub(10.0, 27_000.0))]
+    found = rounds.accepted(tried, FIRST, FIRST, JUDGE)
+    assert found is not None and found[0].effect.name == "load_mass"
+
+
+class Counting:
+    """Makes nothing and counts what it was asked to make."""
+
+    def __init__(self) -> None:
+        self.asked: list[Asked] = []
+        self.made: list[str] = []
+
+    def each(self, _base, asked):
+        self.asked = list(asked)
+        for one in asked:
+            yield one, lambda one=one: self.made.append(one.effect.name)
+
+
+def _round(scores, errors, current=FIRST, first=FIRST):
+    refitter = Counting()
+    errors = iter(errors)
+    judge = SimpleNamespace(
+        spread=0.02, small=0.15, trial=lambda _fit, name: stub(next(errors), 27_000.0, name)
+    )
+    tried = rounds.refitted(current, first, scores, judge, refitter, lambda _: None)
+    return refitter, [item.effect.name for item, _ in tried]
+
+
+LEADING = {"heat_transfer": 9000.0, "channel_skew": 4000.0, "valve_hysteresis": 3000.0, "gravity": 2000.0}
+SCORES = [score(name, drop) for name, drop in LEADING.items()]
+
+
+def test_three_leading_effects_are_refitted_and_the_third_is_spared_where_all_is_explained():
+    assert _round(SCORES, [100.0, 100.0, 100.0])[0].made == ["heat_transfer", "channel_skew", "valve_hysteresis"]
+    refitter, tried = _round(SCORES, [1.1, 100.0])
+    assert refitter.made == tried == ["heat_transfer", "channel_skew"]
+
+
+def test_a_group_mate_and_a_close_runner_up_are_not_spared():
+    mates = [score("heat_transfer", 9000.0, ("gravity",)), *SCORES[1:]]
+    assert _round(mates, [1.1, 100.0, 100.0])[0].made == ["heat_transfer", "channel_skew", "gravity"]
+    close = [SCORES[0], score("channel_skew", 8000.0), score("valve_hysteresis", 7000.0)]
+    assert len(_round(close, [1.1, 100.0, 100.0])[0].made) == 3
+
+
+def test_only_the_leader_and_its_group_start_twice_and_only_in_the_first_round():
+    mates = [score("heat_transfer", 9000.0, ("valve_hysteresis",)), *SCORES[1:]]
+    refitter, _ = _round(mates, [100.0] * 3)
+    assert [one.thorough for one in refitter.asked] == [True, False, True]
+    refitter, _ = _round(mates, [20.0] * 3, current=ALONE)
+    assert [one.thorough for one in refitter.asked] == [False, False, False]
+
+
+def test_a_later_effect_must_promise_a_part_of_what_came_before():
+    # 5 % of the 15 400 that the first effect brought is 770
+    assert _round([score("gravity", 700.0)], [], current=ALONE)[0].made == []
+    assert _round([score("gravity", 900.0)], [20.0], current=ALONE)[0].made == ["gravity"]
+
+
+def test_a_second_look_takes_what_acts_on_the_loudest_balance_and_was_not_tried(monkeypatch):
+    loud = [
+        SimpleNamespace(equation=name, rms=rms, expected_rms=1.0) for name, rms in (("force", 5.0), ("pressure_1", 2.0))
+    ]
+    monkeypatch.setattr(rounds, "equation_defects", lambda _: loud)
+    monkeypatch.setattr(rounds, "_typical_start", lambda *_: {})
+    refitter = Counting()
+    judge = SimpleNamespace(spread=0.02, small=0.15, trial=lambda _fit, name: stub(50.0, 27_000.0, name))
+    scores = [score("load_mass", 30.0), *SCORES[:3], score("backlash", 5.0), score("friction_lag", 2.0)]
+    tried = [(scores[0], stub(144.0, 43_000.0, "load_mass"))]
+    found = rounds.second_looks(FIRST, scores, tried, judge, refitter, lambda _: None)
+    assert refitter.made == ["backlash", "friction_lag"] == [item.effect.name for item, _ in found]
+
+
+def test_an_amplitude_of_a_second_look_is_at_least_typical():
+    plant = SimpleNamespace(rig=SimpleNamespace(mass=1.0, A1=8e-4, A2=7e-4, patm=1e5), law=None)
+    current = SimpleNamespace(fit=SimpleNamespace(plant=plant))
+    started = rounds._typical_start(current, Score(CATALOGUE["backlash"], 5.0, 1e-4, 1, {"b_play": 1e-9}, ()))
+    assert started == {"b_play": pytest.approx(3e-4)}
+
+
+def test_rivals_explain_both_kinds_of_runs_alike_whatever_their_group():
+    best = (score("valve_lag", 800.0), stub(1.0, 26_333.0))
+    near = (score("line_delay", 790.0), stub(1.2, 26_343.0))
+    worse_ahead = (score("channel_skew", 780.0), stub(9.0, 26_340.0))
+    worse_in_training = (score("gravity", 770.0), stub(1.2, 27_500.0))
+    tried = [best, near, worse_ahead, worse_in_training]
+    assert _rivals(best, tried, FIRST) == ("line_delay",)
+
+
+def test_the_floor_is_that_of_the_best_model_and_never_rises(monkeypatch):
+    floors = ({"x": 2.0}, {"x": 3.0})
+    made = [NoiseFloor(dict(one), {"x": 0.1}) for one in floors]
+    monkeypatch.setattr("pneuid.criticism.trial.noise_floors", lambda *_: made)
+    monkeypatch.setattr("pneuid.criticism.trial.frozen_fit", lambda fit: fit)
+    judge = Judge((), *(NoiseFloor({"x": value}, {"x": 0.1}) for value in (4.0, 1.0)))
+    better = judge.again(stub(30.0, 1.0), FIRST)
+    assert (better.floor.value, better.usual.value) == ({"x": 2.0}, {"x": 1.0})
+    assert judge.again(stub(144.0, 1.0), FIRST) is judge
+    assert np.isclose(better.spread, 0.2)
