@@ -58,6 +58,21 @@ def test_what_is_accepted(current, error, cost, taken):
     assert (found is not None) == taken
 
 
+def test_costs_are_compared_with_loose_defects_where_one_has_no_others():
+    """A base model too wrong for tight ones: what a later effect brings with tight ones says nothing beside it."""
+
+    def mixed(error: float, loose: float, tight: float) -> Trial:
+        found = stub(error, tight, "leakage_internal")
+        found.fit.loose_cost = loose
+        return found
+
+    first = stub(15_000.0, 67_100.0, relaxation=1.0)
+    current, offset = mixed(63.0, 26_300.0, 35_700.0), mixed(40.0, 25_600.0, 30_300.0)
+    assert rounds.costs(first, current, offset) == [67_100.0, 26_300.0, 25_600.0]
+    assert rounds.costs(current, offset) == [35_700.0, 30_300.0]
+    assert rounds.accepted([(score("valve_offset", 5e3), offset)], current, first, JUDGE) is None
+
+
 def test_the_best_on_held_out_runs_is_accepted_not_the_best_on_training_runs():
     tried = [(score("gravity", 900.0), stub(20.0, 26_000.0)), (score("load_mass", 800.0), stub(10.0, 27_000.0))]
     found = rounds.accepted(tried, FIRST, FIRST, JUDGE)

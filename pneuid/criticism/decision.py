@@ -18,7 +18,7 @@ from pneuid.criticism.defects import equation_defects, node_jumps
 from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.rounds import Say, Tried, accepted, brought, refitted, same_floor, second_looks
+from pneuid.criticism.rounds import Say, Tried, accepted, costs, refitted, same_floor, second_looks
 from pneuid.criticism.screening import Score, screen
 from pneuid.criticism.trial import Judge, Trial, judge_of
 from pneuid.effect import Effect
@@ -135,14 +135,13 @@ def _record(
 def _rivals(chosen: tuple[Score, Trial], tried: Tried, current: Trial) -> tuple[str, ...]:
     """Other effects that explain the held-out runs and the training runs about as well as the chosen one."""
     excess = max(current.error - 1.0, 1e-12)
-    gain = max(brought(current, chosen[1]), 1e-12)
-    return tuple(
-        score.effect.name
-        for score, trial in tried
-        if score is not chosen[0]
-        and (trial.error - chosen[1].error) / excess < TELLING
-        and brought(trial, chosen[1]) < max(TELLING * gain, SURE)
-    )
+
+    def alike(trial: Trial) -> bool:
+        before, best, other = costs(current, chosen[1], trial)
+        ahead = (trial.error - chosen[1].error) / excess < TELLING
+        return ahead and other - best < max(TELLING * (before - best), SURE)
+
+    return tuple(score.effect.name for score, trial in tried if score is not chosen[0] and alike(trial))
 
 
 def _backward(

@@ -67,7 +67,8 @@ def refitted(
     ``first`` is the base model's trial. What comes after the runner-up is spared where one before explains all there is.
     """
     newly = current.added is None
-    worth = max(LEAST_PART * brought(first, current), WORTH_ADDING * current.fit.relaxed_cost)
+    before, now = costs(first, current)
+    worth = max(LEAST_PART * (before - now), WORTH_ADDING * current.fit.relaxed_cost)
     least = LEAST_DROP if newly else max(LEAST_DROP, worth)
     chosen = list(_shortlist(scores, REFITS if newly else LATER_REFITS, least))
     if not chosen:
@@ -106,10 +107,11 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[
     for score, trial in tried:
         fall = current.error - trial.error
         part = fall / max(excess, 1e-12)
-        drop = brought(current, trial)
-        told = part >= SOME_SHARE and drop >= CLEAR_DROP * current.fit.loose_cost
+        before, now, after = costs(first, current, trial)
+        drop = now - after
+        told = part >= SOME_SHARE and drop >= CLEAR_DROP * now
         share = fall / original >= LEAST_SHARE or part >= CLEAR_SHARE or told
-        least = max(LEAST_DROP, LEAST_PART * brought(first, current))
+        least = max(LEAST_DROP, LEAST_PART * (before - now))
         if excess > 0 and fall > 3 * judge.spread and share and drop > least and _inside_bounds(score, trial):
             good.append((score, trial))
     return min(good, key=lambda item: item[1].error) if good else None
@@ -124,11 +126,10 @@ def same_floor(judge: Judge, current: Trial, first: Trial, tried: Tried) -> tupl
     return judge, judge.judged(current), judge.judged(first), again
 
 
-def brought(before: Trial, after: Trial) -> float:
-    """By how much the cost of the training runs fell: with tight defects where both have them, which see more."""
-    if before.fit.problem.relaxation == after.fit.problem.relaxation:
-        return before.fit.relaxed_cost - after.fit.relaxed_cost
-    return before.fit.loose_cost - after.fit.loose_cost
+def costs(*trials: Trial) -> list[float]:
+    """Costs of the training runs that can be compared: with tight defects, which see more, where all of them have those."""
+    alike = len({trial.fit.problem.relaxation for trial in trials}) == 1
+    return [trial.fit.relaxed_cost if alike else trial.fit.loose_cost for trial in trials]
 
 
 def _shortlist(scores: Sequence[Score], most: int, least: float) -> Iterator[Score]:
