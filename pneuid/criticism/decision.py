@@ -72,14 +72,19 @@ def diagnose(
     named: list[str] = []
     ambiguous: dict[str, tuple[str, ...]] = {}
     for _ in range(MOST_EFFECTS):
+        adequate = current.error - 1.0 < judge.small
+        if named and adequate:
+            break
         scores = list(screen(current.fit, list(catalogue.values()), order))
         for score in scores:
             ranking.setdefault(score.effect.name, _screened(score))
         say(_leading(scores))
+        if adequate:
+            break  # the ranking is for the report
         tried = refitted(current, first, scores, judge, refitter, say)
         judge, current, first, tried = same_floor(judge, current, first, tried)
         chosen = accepted(tried, current, first, judge)
-        if chosen is None and not named and current.error - 1.0 > judge.small and _loudest(current) > DEFECT_RATIO:
+        if chosen is None and not named and _loudest(current) > DEFECT_RATIO:
             tried += second_looks(current, scores, tried, judge, refitter, say)
             judge, current, first, tried = same_floor(judge, current, first, tried)
             chosen = accepted(tried, current, first, judge)
@@ -94,8 +99,6 @@ def diagnose(
         before, after = np.sqrt(current.error), np.sqrt(chosen[1].error)
         say(f"{named[-1]} accepted: held-out error {before:.1f} -> {after:.1f} floors")
         current = chosen[1]
-        if current.error - 1.0 < judge.small:
-            break  # what is left is what an adequate model leaves
     named, current = _backward(named, current, first, judge, refitter, say)
     found = _verdict(named, ambiguous, current, first, judge, ranking)
     return Verdict(found, current.fit, rungs)

@@ -11,8 +11,9 @@ from pneuid.criticism.prediction import Frozen, NoiseFloor, noise_floors, predic
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import Run
 
-ADEQUATE_EXCESS = 0.15
-"""Held-out excess, relative to the squared noise floor, that counts as none whatever the noise."""
+ADEQUATE_EXCESS = 0.25
+"""Held-out excess, relative to the squared noise floor, that counts as none whatever the noise: an eighth of its size. On a
+bench the floor itself is some 5 % low, and a flexible effect such as dwell takes that."""
 
 BETTER = 0.8
 """Error of a trial, relative to the standing model's, from which its noise floor is measured anew."""
