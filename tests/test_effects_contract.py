@@ -238,7 +238,9 @@ def check_words(case: Case) -> None:
     assert not re.search(r"[.;!?\n]", effect.mechanism.rstrip(".")), (
         f"mechanism is not one sentence: {effect.mechanism}"
     )
-    sensors = {f"sensor_{name}" for name in Plant(case.rig, case.law.name).outputs}
+    plant = Plant(case.rig, case.law.name)
+    # a bench's inputs are read by sensors too, a servo rig's command is not
+    sensors = {f"sensor_{name}" for name in (*plant.outputs, *(() if plant.servo else plant.inputs))}
     assert effect.equation in (*EQUATIONS, *sensors), f"unknown equation {effect.equation}"
     assert re.search(r"\b(1[6-9]|20)\d\d\b", effect.reference), f"no year in the reference: {effect.reference}"
     assert len(effect.experiment) > 15, f"no experiment: {effect.experiment}"
@@ -419,8 +421,10 @@ REACHES = {
 }
 """What an effect in each equation may change at a given state; a sensor changes what it shows alone."""
 
-BESIDE = {"channel_skew": {"shown_x", "shown_p2"}}
-"""What an effect changes besides, because it is one cause in three sensors."""
+BESIDE = {
+    "channel_skew": {"shown_x", "shown_p2"}, "sensor_offset_p1": {"shown_F"}, "sensor_offset_p2": {"shown_F"},
+}  # fmt: skip
+"""What an effect changes besides: one cause in three sensors; on a bench the force that belongs to the pressures shown."""
 
 
 def check_enters_where_it_says(case: Case) -> None:
@@ -432,7 +436,7 @@ def check_enters_where_it_says(case: Case) -> None:
     changed = {stage for stage in on if not np.allclose(on[stage], off[stage], rtol=1e-9, atol=0.0)}
     may = REACHES.get(equation, {equation.replace("sensor_", "shown_")}) | BESIDE.get(case.effect.name, set())
     first = equation.replace("sensor_", "shown_").removesuffix("_1").removesuffix("_2")
-    must = {"shown_F"} if first == "force" and not plant.servo else {first}
+    must = {"shown_F"} if not plant.servo and first in ("force", "shown_p1", "shown_p2") else {first}
     assert changed <= may, f"declares {equation} and changes {changed - may}"
     if equation == "friction" and "bristle" in changed:
         must = set()  # it changes how fast the bristle follows, from which its force comes

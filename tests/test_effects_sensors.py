@@ -66,6 +66,14 @@ def test_an_offset_shifts_its_own_sensor_and_nothing_else(offset, name):
     assert [float(item) for item in with_it.explicit] == [float(item) for item in without.explicit]
 
 
+@pytest.mark.parametrize("name", ["p1", "p2"])
+def test_on_a_bench_a_pressure_shown_too_high_leaves_the_force_of_the_true_one(name):
+    bench, offset = rig("bench"), 5e3
+    plant, true = plant_with(f"sensor_offset_{name}", on=bench), BENCH_POINT[name]
+    shown = at(plant, {name: true + offset}, {f"offset_{name}": offset}).outputs["F"]
+    assert float(shown) == pytest.approx(float(at(plant_with(on=bench)).outputs["F"]), rel=1e-9)
+
+
 def test_a_force_offset_shifts_the_force():
     bench = rig("bench")
     with_it, without = at(plant_with("sensor_offset_F", on=bench), values={"offset_F": 3.0}), at(plant_with(on=bench))

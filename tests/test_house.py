@@ -18,6 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 ROOMS: tuple[tuple[str, ...], ...] = (
     ("errors", "resources"),
+    ("pool", "store"),  # where tasks run and what is known already
     ("signals", "units"),
     ("formats", "rig", "recording"),
     ("physics",),
@@ -44,7 +45,7 @@ VIRTUAL_RIG_MAY_IMPORT = {"errors", "signals", "units", "virtual_rig"}
 VIRTUAL_RIG_USERS = set(ROOMS[COMMANDS]) | {"story", "workbench"}
 
 MAY_TOUCH_FILES = (
-    "formats", "rig", "recording", "model", "compiled", "virtual_rig.files", "report", "resources", "story",
+    "formats", "rig", "recording", "model", "compiled", "virtual_rig.files", "report", "resources", "story", "store",
 )  # fmt: skip
 FILE_FUNCTIONS = {"print", "open", "input", "exec", "eval"}
 FILE_METHODS = {
