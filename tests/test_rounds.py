@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from pneuid.criticism import rounds
-from pneuid.criticism.decision import _rivals
+from pneuid.criticism.decision import _rivals, _verdict
+from pneuid.criticism.diagnosis import Candidate
 from pneuid.criticism.prediction import NoiseFloor
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
 from pneuid.effects import CATALOGUE
+from pneuid.report.summary import verdict_lines
 
 JUDGE = SimpleNamespace(spread=0.02, small=0.15)
 
@@ -161,6 +163,16 @@ def test_rivals_explain_both_kinds_of_runs_alike_whatever_their_group():
     worse_in_training = (score("gravity", 770.0), stub(1.2, 27_500.0))
     tried = [best, near, worse_ahead, worse_in_training]
     assert _rivals(best, tried, FIRST) == ("line_delay",)
+
+
+def test_a_candidate_that_made_things_worse_stays_where_screening_put_it():
+    known = {"friction_pressure": (0.19, 0.1, 0.99), "load_mass": (0.039, None, None), "friction_position": (0.044, 1.56, -1.4)}
+    ranking = {name: Candidate(name, "friction", gain, ratio, part) for name, (gain, ratio, part) in known.items()}
+    found = _verdict(["friction_pressure"], {}, stub(1.0, 25_000.0), FIRST, JUDGE, ranking)
+    assert [item.effect for item in found.ranking] == ["friction_pressure", "friction_position", "load_mass"]
+    lines = verdict_lines(found)
+    assert any(line.startswith("  friction_position") and line.endswith("held-out error times 1.56") for line in lines)
+    assert any(line.startswith("  load_mass") and line.endswith("screened only") for line in lines)
 
 
 def test_the_floor_is_that_of_the_best_model_and_never_rises(monkeypatch):

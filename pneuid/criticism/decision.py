@@ -184,7 +184,8 @@ def _verdict(
     judge: Judge,
     ranking: dict[str, Candidate],
 ) -> Diagnosis:
-    order = sorted(ranking.values(), key=lambda item: (-(item.excess_explained or 0.0), -item.screen_gain))
+    # one that was refitted and made things worse stays where screening put it
+    order = sorted(ranking.values(), key=lambda item: (-max(item.excess_explained or 0.0, 0.0), -item.screen_gain))
     lead = [item for name in named for item in order if item.effect == name]
     ordered = tuple(lead + [item for item in order if item.effect not in named])
     left = current.error - 1.0

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from pneuid.criticism.comparison import Comparison, SignalError
-from pneuid.criticism.diagnosis import Diagnosis
+from pneuid.criticism.diagnosis import Candidate, Diagnosis
 from pneuid.signals import SIGNALS
 from pneuid.units import to_display
 
@@ -56,6 +56,15 @@ def summary_lines(comparison: Comparison) -> list[str]:
     return lines
 
 
+def _tested(item: Candidate) -> str:
+    """What the refit of a candidate showed on held-out runs."""
+    if item.excess_explained is None:
+        return "screened only"
+    if item.excess_explained > 0.0 or item.hold_out_error_ratio is None:
+        return f"explains {100 * item.excess_explained:.1f} % held out"
+    return f"refitted, held-out error times {item.hold_out_error_ratio:.2f}"
+
+
 def verdict_lines(diagnosis: Diagnosis) -> list[str]:
     """The verdict and its evidence, a line each."""
     words = {
@@ -65,13 +74,10 @@ def verdict_lines(diagnosis: Diagnosis) -> list[str]:
         "unknown": "something is missing that the catalogue does not hold",
     }
     lines = [f"verdict: {diagnosis.verdict} - {words[diagnosis.verdict]}", *diagnosis.sentences]
-    for item in diagnosis.ranking[:4]:
-        tested = (
-            "screened only"
-            if item.excess_explained is None
-            else f"explains {100 * item.excess_explained:.1f} % held out"
-        )
-        lines.append(f"  {item.effect:20s} predicted drop of the cost {100 * item.screen_gain:5.1f} %, {tested}")
+    lines += [
+        f"  {item.effect:20s} predicted drop of the cost {100 * item.screen_gain:5.1f} %, {_tested(item)}"
+        for item in diagnosis.ranking[:4]
+    ]
     if diagnosis.unknown is not None:
         rest = diagnosis.unknown
         where = ", ".join(rest.depends_on) or "no signal in particular"
