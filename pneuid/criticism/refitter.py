@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -73,7 +74,7 @@ class Refitter:
         standing = Standing.of(base)
         if isinstance(self.pool, InProcess):
             for one in asked:
-                yield one, lambda one=one: self._here(base, standing, one)  # type: ignore[misc]
+                yield one, partial(self._here, base, standing, one)
             return
         known: dict[int, dict[str, Any]] = {}
         keys = [self._key(standing, one) for one in asked]
@@ -89,7 +90,7 @@ class Refitter:
             return self._rebuilt(base, asked[i], self.store[keys[i]])
 
         for i, one in enumerate(asked):
-            yield one, lambda i=i: wait(i)  # type: ignore[misc]
+            yield one, partial(wait, i)
 
     def without(self, base: Fit, name: str) -> Fit:
         """The fit without one of the effects."""
