@@ -446,3 +446,22 @@ def test_smoothing_is_a_number_not_other_code():
     assert problem.evaluate_values(X)[1] != fine
     problem.set_smoothing(FINE)
     assert problem.evaluate_values(X)[1] == fine
+
+
+def test_a_jump_of_an_effects_own_state_counts_ten_times():
+    """With the freedom of position and pressure between intervals, a spool would be an unknown input that explains anything."""
+    at = stretch("valve_lag")
+    plant, values = at.plant, values_of(at.plant)
+    problem = Shooting(plant, [at.run], plant.parameter_names, values, RANGES, SUBSTEPS, node_every=10)
+    nodes = first_nodes(plant, [at.run], [at.run.motion], values, 10)
+    X = problem.join(np.zeros(problem.nq), nodes)
+    end, _ = problem.evaluate_values(X)
+    counts = {}
+    for i, name in enumerate(plant.states):
+        jumped = nodes.copy()
+        jumped[i, 7] += plant.state_scales[i]
+        moved = problem.defects(end, problem.join(np.zeros(problem.nq), jumped)) - problem.defects(end, X)
+        counts[name] = np.abs(moved).max()
+    own = list(plant.states[plant.explicit_count + 1 :])
+    assert own, "valve_lag has a spool"
+    assert all(np.isclose(counts[name], 10.0 if name in own else 1.0) for name in counts), counts

@@ -19,7 +19,7 @@ from tests.helpers import base_fit
 ORDER = tuple(CATALOGUE | LAW_STEPS)
 ASKED = (
     Asked(CATALOGUE["leakage_internal"], {"G_leak": 1e-10}, 0.1, thorough=False),
-    Asked(CATALOGUE["gravity"], {"F_0": 1.0}, 0.1, thorough=False),
+    Asked(CATALOGUE["gravity"], {"F_g": 1.0}, 0.1, thorough=False),
 )
 
 

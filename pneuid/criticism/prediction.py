@@ -280,6 +280,7 @@ def _drawn_servo(model: Frozen, function: IntervalFunction, run: Run) -> Draw:
     index = (first[:, None] + before + np.arange(ahead)).ravel()
 
     def draw(rng: np.random.Generator) -> Prediction:
+        """Prediction of the windows where they are measured with noise of this generator."""
         noisy, data, guess = clean + sigma * rng.standard_normal(clean.shape), cut.copy(), start.copy()
         data[:, -2 * ny : -ny] = noisy
         for i, name in enumerate(plant.outputs):
@@ -298,6 +299,7 @@ def _drawn_bench(model: Frozen, function: IntervalFunction, run: Run) -> Draw:
     clean = _free(model, function, run, run.data).predicted
 
     def draw(rng: np.random.Generator) -> Prediction:
+        """Prediction of the run where motion and force are measured with noise of this generator."""
         again = refined_motion(run.t, run.motion.x + model.noise["x"] * rng.standard_normal(run.n), model.noise["x"])
         data = run.data.copy()
         replaced = {"x": again.x, "a": again.a}

@@ -64,7 +64,8 @@ def refit(base: Standing, asked: Asked, order: Sequence[str], monitor: Monitor |
     warm = _warm(base, plant, values | halfway, monitor)
     predicted = base.loose_cost * (1.0 - asked.gain)
     enough = warm.loose_cost < base.loose_cost * (1.0 - ENOUGH * asked.gain) and warm.loose_cost < OVER * predicted
-    if (enough and (plant.servo or not asked.thorough)) or (plant.servo and not asked.thorough):
+    twice = (asked.thorough and not enough) if plant.servo else (asked.thorough or not enough)
+    if not twice:
         return warm
     effect_values = {name: value for name, value in values.items() if plant.owner[name] is not None}
     cold = fit(plant, recordings, effect_values, base.noise, monitor, exact=False, prepared=base.runs)

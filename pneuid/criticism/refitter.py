@@ -76,16 +76,14 @@ class Refitter:
             for one in asked:
                 yield one, partial(self._here, base, standing, one)
             return
-        known: dict[int, dict[str, Any]] = {}
         keys = [self._key(standing, one) for one in asked]
         missing = [i for i, key in enumerate(keys) if key not in self.store]
         tasks = [self._task(standing, asked[i]) for i in missing]
         coming = self.pool.each(_made, tasks)
 
         def wait(i: int) -> Fit:
-            while i in missing and i not in known:
+            while keys[i] not in self.store:
                 place, content = next(coming)
-                known[missing[place]] = content
                 self.store.put(keys[missing[place]], content)
             return self._rebuilt(base, asked[i], self.store[keys[i]])
 
