@@ -179,7 +179,7 @@ def test_the_floor_is_that_of_the_best_model_and_never_rises(monkeypatch):
     floors = ({"x": 2.0}, {"x": 3.0})
     made = [NoiseFloor(dict(one), {"x": 0.1}) for one in floors]
     monkeypatch.setattr("pneuid.criticism.trial.noise_floors", lambda *_: made)
-    monkeypatch.setattr("pneuid.criticism.trial.frozen_fit", lambda fit: fit)
+    monkeypatch.setattr("pneuid.criticism.trial.Frozen.of", lambda fit: fit)
     judge = Judge((), *(NoiseFloor({"x": value}, {"x": 0.1}) for value in (4.0, 1.0)))
     better = judge.again(stub(30.0, 1.0), FIRST)
     assert (better.floor.value, better.usual.value) == ({"x": 2.0}, {"x": 1.0})

@@ -13,9 +13,8 @@ from helpers import base_fit, held_runs, rig, scores
 from scipy.sparse.linalg import spsolve
 
 from pneuid.criticism.decision import Verdict, diagnose
-from pneuid.criticism.prediction import Prediction, noise_floor, predict, rmse, typical
+from pneuid.criticism.prediction import Frozen, Prediction, noise_floor, predict, rmse, typical
 from pneuid.criticism.screening import Score, screen
-from pneuid.criticism.trial import frozen_fit
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import Fit, fit
 from pneuid.estimation.preparation import prepare
@@ -142,7 +141,7 @@ def test_effects_of_the_model_itself_and_of_the_other_kind_of_rig_are_not_screen
 
 def test_a_right_model_predicts_down_to_the_noise_floor():
     found = base_fit("", 3)
-    model = frozen_fit(found)
+    model = Frozen.of(found)
     runs = [prepare(run, found.plant, found.noise) for run in held_runs("", 3)]
     ahead, floor = rmse(predict(model, runs), found.plant.outputs), noise_floor(model, runs)
     for name, sigma in (("x", 20e-6), ("p1", 500.0), ("p2", 500.0)):
@@ -155,7 +154,7 @@ def test_a_right_model_predicts_down_to_the_noise_floor():
 
 def test_a_wrong_model_predicts_far_above_it_and_the_floor_stays():
     found = base_fit("leakage_internal")
-    model = frozen_fit(found)
+    model = Frozen.of(found)
     runs = [prepare(run, found.plant, found.noise) for run in held_runs("leakage_internal")]
     predictions = predict(model, runs)
     ahead = rmse(predictions, found.plant.outputs)
@@ -168,7 +167,7 @@ def test_a_wrong_model_predicts_far_above_it_and_the_floor_stays():
 
 def test_the_typical_error_forgets_a_tenth_of_the_windows_and_no_more():
     found = base_fit("", 3)
-    ahead = predict(frozen_fit(found), [prepare(held_runs("", 3)[0], found.plant, found.noise)])
+    ahead = predict(Frozen.of(found), [prepare(held_runs("", 3)[0], found.plant, found.noise)])
     outputs, (item,) = found.plant.outputs, ahead
     window = 200  # samples of 200 ms at 1 kHz
     count = item.index.size // window
@@ -190,7 +189,7 @@ def test_the_typical_error_forgets_a_tenth_of_the_windows_and_no_more():
 
 def test_a_window_that_diverged_counts_as_one_window():
     found = base_fit("", 3)
-    ahead = predict(frozen_fit(found), [prepare(held_runs("", 3)[0], found.plant, found.noise)])
+    ahead = predict(Frozen.of(found), [prepare(held_runs("", 3)[0], found.plant, found.noise)])
     predicted = ahead[0].predicted.copy()
     predicted[0, 50] = np.nan
     assert np.isfinite(typical([replace(ahead[0], predicted=predicted)], found.plant.outputs)["x"])
@@ -201,7 +200,7 @@ def test_a_window_that_diverged_counts_as_one_window():
 def test_the_floor_is_the_same_every_time():
     found = base_fit("", 3)
     runs = [prepare(held_runs("", 3)[0], found.plant, found.noise)]
-    assert noise_floor(frozen_fit(found), runs, seeds=2) == noise_floor(frozen_fit(found), runs, seeds=2)
+    assert noise_floor(Frozen.of(found), runs, seeds=2) == noise_floor(Frozen.of(found), runs, seeds=2)
 
 
 # --- the whole diagnosis ---

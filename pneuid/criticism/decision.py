@@ -41,6 +41,11 @@ MOSTLY, MINOR = 0.9, 0.25
 
 MOST_EFFECTS = 4
 
+OPEN = (
+    "the held-out runs ask for what the training runs leave open of the parameters, and that explains the error; "
+    "train on runs that cover the speeds and pressures of the held-out ones"
+)
+
 
 @dataclass
 class Verdict:
@@ -72,7 +77,7 @@ def diagnose(
     named: list[str] = []
     ambiguous: dict[str, tuple[str, ...]] = {}
     for _ in range(MOST_EFFECTS):
-        adequate = current.error - 1.0 < judge.small
+        adequate = judge.explains(current)
         if named and adequate:
             break
         scores = list(screen(current.fit, list(catalogue.values()), order))
@@ -188,14 +193,15 @@ def _verdict(
     order = sorted(ranking.values(), key=lambda item: (-max(item.excess_explained or 0.0, 0.0), -item.screen_gain))
     lead = [item for name in named for item in order if item.effect == name]
     ordered = tuple(lead + [item for item in order if item.effect not in named])
-    left = current.error - 1.0
-    small = judge.small
+    adequate = judge.explains(current)
     started, ended = np.sqrt(first.whole), np.sqrt(current.whole)
     usual = f"{np.sqrt(first.error):.2f} and {np.sqrt(current.error):.2f} without the worst tenth of the windows"
     words = [f"held-out error: {started:.2f} times the noise floor before, {ended:.2f} after ({usual})"]
     if not named:
-        if left < small:
+        if current.error - 1.0 < judge.small:
             return Diagnosis("adequate", (), ordered, sentences=(*words, "nothing is missing above the noise"))
+        if adequate:
+            return Diagnosis("adequate", (), ordered, sentences=(*words, OPEN))
         if _loudest(current) < DEFECT_RATIO:
             quiet = "no balance leaves a defect above noise; what the predictions lose, they lose at break-away"
             return Diagnosis("adequate", (), ordered, sentences=(*words, quiet))
@@ -208,7 +214,7 @@ def _verdict(
     rivals = tuple(name for name in ambiguous.get(named[0], ()) if name not in named)
     if rivals:
         return Diagnosis("ambiguous", (named[0], *rivals, *named[1:]), ordered, sentences=tuple(words))
-    rest = _rest(current) if left > small and removed < MOSTLY else None
+    rest = _rest(current) if not adequate and removed < MOSTLY else None
     if rest is not None:
         words.append("a part of the error remains that no effect of the catalogue explains")
     # little of the excess gone: what was found stands beside something larger that the catalogue does not hold

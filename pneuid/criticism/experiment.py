@@ -25,11 +25,10 @@ from pneuid.effect import Effect
 from pneuid.estimation.curves import relaxed_covariance
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import prepare
-from pneuid.estimation.shooting import Shooting
+from pneuid.estimation.shooting import Shooting, relaxed_smoothing
 from pneuid.estimation.solver import Monitor, relaxed_system
 from pneuid.interval import trajectory_function
 from pneuid.physics.gas import R_AIR, RHO_REFERENCE
-from pneuid.physics.smoothing import COARSE
 from pneuid.recording import Recording
 
 DURATIONS = (6.0,)
@@ -133,7 +132,8 @@ class _Rival:
         self.fit, self.plant = fit, fit.plant
         self.dt = float(np.median(np.concatenate([run.data[0] for run in fit.runs])))
         self.hold = max(1, round(CONTROL_SECONDS / self.dt))
-        self.theta = fit.plant.theta({**fit.problem.values, **fit.relaxed_values}, fit.ranges, smoothing=COARSE)
+        values = {**fit.problem.values, **fit.relaxed_values}
+        self.theta = fit.plant.theta(values, fit.ranges, smoothing=relaxed_smoothing(fit.plant))
         self.piece = trajectory_function(fit.plant, self.hold, fit.problem.substeps)
         shared = [j for j, name in enumerate(fit.problem.free) if name in fit.plant.theta_names]
         covariance = relaxed_covariance(fit)[np.ix_(shared, shared)]
@@ -204,7 +204,7 @@ class _Rival:
         run = prepare(record, self.plant, fit.noise)
         values = {**fit.problem.values, **fit.relaxed_values}
         problem = Shooting(self.plant, [run], self.free, values, fit.ranges, fit.problem.substeps, fit.problem.samples)
-        problem.set_smoothing(COARSE)
+        problem.set_smoothing(relaxed_smoothing(self.plant))
         problem.relaxation = fit.problem.relaxation
         at = problem.samples * np.arange(problem.nint)
         nodes = np.vstack([(seen if i < CORE else own)[i, at] for i in range(len(names))])

@@ -7,14 +7,14 @@ model itself with the sensors' noise.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pneuid.errors import UserError
 from pneuid.estimation.first_guess import first_nodes
-from pneuid.estimation.fit import node_every
+from pneuid.estimation.fit import Fit, node_every
 from pneuid.estimation.motion import refined_motion
 from pneuid.estimation.preparation import Run
 from pneuid.interval import IntervalFunction, interval_function
@@ -45,6 +45,11 @@ class Frozen:
     ranges: Mapping[str, float]
     noise: Mapping[str, float]
     substeps: int
+
+    @classmethod
+    def of(cls, found: Fit) -> Frozen:
+        """The model of a fit."""
+        return cls(found.plant, found.values, found.ranges, found.noise, found.substeps)
 
     def theta(self, run: Run) -> np.ndarray:
         """The theta column of one run."""
@@ -133,7 +138,10 @@ def predict_ahead(model: Frozen, runs: Sequence[Run]) -> list[Prediction]:
     return [_ahead(model, function, run, run.data)[0] for run in runs]
 
 
-def _ahead(model: Frozen, function: IntervalFunction, run: Run, data: np.ndarray) -> tuple[Prediction, np.ndarray]:
+def _ahead(
+    model: Frozen, function: IntervalFunction, run: Run, data: np.ndarray, start: np.ndarray | None = None
+) -> tuple[Prediction, np.ndarray]:
+    """The prediction of every window, and the start states it took: those given, else estimated ones."""
     plant = model.plant
     before, ahead, first = _windows(run, function.samples)
     ny = len(plant.outputs)
@@ -144,8 +152,8 @@ def _ahead(model: Frozen, function: IntervalFunction, run: Run, data: np.ndarray
         )
     cut = np.stack([data[:, k : k + before + ahead] for k in first])
     theta = np.tile(model.theta(run), (first.size, 1))
-    guess = _window_guess(model, run)[first]
-    start = _start_states(model, function, guess, cut[:, :, :before], theta)
+    if start is None:
+        start = _start_states(model, function, _window_guess(model, run)[first], cut[:, :, :before], theta)
     found = simulate(function, start, cut, theta)
     index = (first[:, None] + before + np.arange(ahead)).ravel()
     predicted = found.outputs[:, :, before:].transpose(1, 0, 2).reshape(ny, -1)
@@ -156,25 +164,44 @@ def _ahead(model: Frozen, function: IntervalFunction, run: Run, data: np.ndarray
 def predict_free(model: Frozen, runs: Sequence[Run]) -> list[Prediction]:
     """Whole runs from a start estimated on their first 100 ms (contract's ``free_run_rmse``; a bench's ``rmse``)."""
     function = _function(model, runs)
-    return [_free(model, function, run, run.data) for run in runs]
+    return [_free(model, function, run, run.data)[0] for run in runs]
 
 
-def _free(model: Frozen, function: IntervalFunction, run: Run, data: np.ndarray) -> Prediction:
+def _free(
+    model: Frozen, function: IntervalFunction, run: Run, data: np.ndarray, start: np.ndarray | None = None
+) -> tuple[Prediction, np.ndarray]:
+    """The prediction of a run, and the start state it took: the one given, else an estimated one."""
     _plant, K, ny = model.plant, function.samples, len(model.plant.outputs)
     missing = -run.n % K
     padded = np.concatenate([data, np.repeat(data[:, -1:], missing, axis=1)], axis=1)[None]
     before, _, _ = _windows(run, K)
     theta = model.theta(run)[None]
-    guess = _window_guess(model, run)[:1]
-    start = _start_states(model, function, guess, padded[:, :, : min(before, padded.shape[2] // K * K)], theta)
+    if start is None:
+        head = padded[:, :, : min(before, padded.shape[2] // K * K)]
+        start = _start_states(model, function, _window_guess(model, run)[:1], head, theta)
     found = simulate(function, start, padded, theta)
     index = np.arange(run.n)
-    return Prediction(run, index, found.outputs[0, :, : run.n], data[-2 * ny : -ny], data[-ny:] > 0)
+    return Prediction(run, index, found.outputs[0, :, : run.n], data[-2 * ny : -ny], data[-ny:] > 0), start
 
 
 def predict(model: Frozen, runs: Sequence[Run]) -> list[Prediction]:
     """The prediction behind the contract's ``rmse``: 200 ms ahead on a servo rig, whole runs on a bench."""
     return predict_ahead(model, runs) if model.plant.servo else predict_free(model, runs)
+
+
+def predict_apart(model: Frozen, runs: Sequence[Run], others: Iterable[Frozen]) -> Iterator[list[Prediction]]:
+    """What models with other numbers predict beside what ``model`` predicts, both from its start states.
+
+    In each prediction ``measured`` is that of ``model``.
+    """
+    function = _function(model, runs)
+    one = _ahead if model.plant.servo else _free
+    known = [one(model, function, run, run.data) for run in runs]
+    for other in others:
+        yield [
+            replace(one(other, function, run, run.data, start)[0], measured=here.predicted)
+            for run, (here, start) in zip(runs, known, strict=True)
+        ]
 
 
 def rmse(predictions: Sequence[Prediction], outputs: Sequence[str]) -> dict[str, float]:
@@ -296,7 +323,7 @@ def _drawn_servo(model: Frozen, function: IntervalFunction, run: Run) -> Draw:
 def _drawn_bench(model: Frozen, function: IntervalFunction, run: Run) -> Draw:
     """Force of the model on its own smoothed motion, then the whole chain again on a noisy copy of that motion."""
     plant, ny, nw = model.plant, len(model.plant.outputs), len(model.plant.inputs)
-    clean = _free(model, function, run, run.data).predicted
+    clean = _free(model, function, run, run.data)[0].predicted
 
     def draw(rng: np.random.Generator) -> Prediction:
         """Prediction of the run where motion and force are measured with noise of this generator."""
@@ -309,6 +336,6 @@ def _drawn_bench(model: Frozen, function: IntervalFunction, run: Run) -> Draw:
             data[1 + plant.inputs.index(name)] = value
         data[1 + nw : 1 + 2 * nw] = np.diff(data[1 : 1 + nw], axis=1, append=data[1 : 1 + nw, -1:]) / data[0]
         data[-2 * ny : -ny] = clean + model.noise["F"] * rng.standard_normal(clean.shape)
-        return _free(model, function, run, data)
+        return _free(model, function, run, data)[0]
 
     return draw

@@ -20,9 +20,9 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from pneuid.effect import Effect, Parameter, Scope
 from pneuid.effects._spline import LEAST_FRICTION, Term, columns
 from pneuid.estimation.fit import Fit
-from pneuid.estimation.shooting import Shooting, threads
+from pneuid.estimation.shooting import Shooting, relaxed_smoothing, threads
 from pneuid.physics.friction import Coefficients, FrictionLaw
-from pneuid.physics.smoothing import COARSE, FINE, Expression
+from pneuid.physics.smoothing import FINE, Expression
 from pneuid.plant import Plant
 from pneuid.rig import Rig
 
@@ -116,7 +116,7 @@ class Probed(Shooting):
         self.probes = plant.own_parameters(Probe.name)
         values = plant.starts() | fit.relaxed_values
         super().__init__(plant, fit.runs, [*old.free, *self.probes], values, fit.ranges, old.substeps, old.samples)
-        self.set_smoothing(COARSE)
+        self.set_smoothing(relaxed_smoothing(plant))
         self.relaxation = old.relaxation
         self.nbase, self.count = old.nq, len(self.probes)
         self._rows = [plant.theta_names.index(name) for name in self.probes]

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pneuid.criticism.prediction import Frozen, NoiseFloor, noise_floors, predict, rmse, typical
+from pneuid.criticism.unsettled import unsettled
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import Run
 
-ADEQUATE_EXCESS = 0.25
-"""Held-out excess, relative to the squared noise floor, that counts as none whatever the noise: an eighth of its size. On a
-bench the floor itself is some 5 % low, and a flexible effect such as dwell takes that."""
+ADEQUATE_EXCESS = 0.15
+"""Held-out excess, relative to the squared noise floor, that counts as none whatever the noise: a thirteenth of its size."""
 
 BETTER = 0.8
 """Error of a trial, relative to the standing model's, from which its noise floor is measured anew."""
@@ -46,7 +46,7 @@ class Judge:
 
     def trial(self, found: Fit, added: str | None = None) -> Trial:
         """Predict the held-out runs and the training runs by a fit, to which the effect ``added`` was added last."""
-        model = frozen_fit(found)
+        model = Frozen.of(found)
         ahead = predict(model, self.held)
         on_held, usual = rmse(ahead, found.plant.outputs), typical(ahead, found.plant.outputs)
         on_train = rmse(predict(model, found.runs), found.plant.outputs)
@@ -65,11 +65,16 @@ class Judge:
         """Excess over the noise floor that counts as none."""
         return max(ADEQUATE_EXCESS, 4 * self.spread)
 
+    def explains(self, trial: Trial) -> bool:
+        """Whether noise, and what the fit leaves open of its parameters, are enough to explain the trial's error."""
+        excess = trial.error - 1.0
+        return excess < self.small or excess < self.small + unsettled(trial.fit, self.held, self.usual)
+
     def again(self, best: Trial, standing: Trial) -> Judge:
         """The judge by the floor of the best model so far: a poor model's own floor is too high."""
         if best.error >= BETTER * standing.error:
             return self
-        floors = noise_floors(frozen_fit(best.fit), self.held, (rmse, typical))
+        floors = noise_floors(Frozen.of(best.fit), self.held, (rmse, typical))
         floor, usual = (
             NoiseFloor({name: min(value, before.value[name]) for name, value in found.value.items()}, found.spread)
             for found, before in zip(floors, (self.floor, self.usual), strict=True)
@@ -83,15 +88,10 @@ class Judge:
 
 def judge_of(model: Fit, held: Sequence[Run]) -> Judge:
     """The judge by the floors of ``model``."""
-    return Judge(tuple(held), *noise_floors(frozen_fit(model), held, (rmse, typical)))
+    return Judge(tuple(held), *noise_floors(Frozen.of(model), held, (rmse, typical)))
 
 
 def _weighted(errors: dict[str, float], floor: NoiseFloor) -> float:
     """Mean over the signals of squared errors in noise floors; infinite where one diverges."""
     error = float(np.mean([(errors[name] / floor.value[name]) ** 2 for name in errors]))
     return error if np.isfinite(error) else np.inf
-
-
-def frozen_fit(found: Fit) -> Frozen:
-    """What prediction needs of a fit."""
-    return Frozen(found.plant, found.values, found.ranges, found.noise, found.substeps)

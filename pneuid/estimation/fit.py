@@ -12,11 +12,10 @@ from pneuid.errors import UserError
 from pneuid.estimation.first_guess import first_guess, first_nodes, motions
 from pneuid.estimation.own import declared
 from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
-from pneuid.estimation.shooting import NODE_EVERY, TIGHT, Shooting
+from pneuid.estimation.shooting import NODE_EVERY, TIGHT, Shooting, relaxed_smoothing
 from pneuid.estimation.solver import INTERRUPTED, Monitor, Outcome
 from pneuid.estimation.stages import DEFECT_GATE, Exact, Relaxed, exact_stage, relaxed_stage
 from pneuid.estimation.uncertainty import Uncertainty, verdicts
-from pneuid.physics.smoothing import COARSE
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.step import LARGEST_SUBSTEPS, substeps_needed
@@ -227,7 +226,7 @@ def _relaxed_fit(
     values, substeps = guess, _substeps(plant, guess, ranges, dt)
     while True:
         problem = Shooting(plant, runs, free, values, ranges, substeps, every)
-        problem.set_smoothing(COARSE)
+        problem.set_smoothing(relaxed_smoothing(plant))
         soft = relaxed_stage(problem, problem.join(_inside(problem, values), nodes), monitor)
         values, nodes = values_at(problem, soft.outcome.X), problem.split(soft.outcome.X)[1]
         needed = _substeps(plant, values, ranges, dt)

@@ -19,7 +19,7 @@ from pneuid.effect import Parameter
 from pneuid.estimation.own import QUANTITIES, declared, of_key
 from pneuid.estimation.preparation import Run
 from pneuid.interval import IntervalFunction, interval_function, jacobian_function
-from pneuid.physics.smoothing import FINE, Smoothing
+from pneuid.physics.smoothing import COARSE, FINE, Smoothing
 from pneuid.plant import Plant
 from pneuid.step import stable_upper_bounds
 
@@ -80,6 +80,15 @@ class Evaluation:
     end: np.ndarray
     sensitivity: np.ndarray
     gram: np.ndarray
+
+
+def relaxed_smoothing(plant: Plant) -> Smoothing:
+    """Widths of the relaxed problem: coarse where the speed is sought, fine where it is imposed.
+
+    A bench needs no smooth derivative by the speed; with wide kinks its bristle would relax at rest by 4 % in 20 ms, which
+    looks like friction that depends on the time at rest and moves Fc and sigma2.
+    """
+    return COARSE if plant.servo else FINE
 
 
 class Shooting:

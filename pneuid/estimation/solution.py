@@ -11,10 +11,9 @@ import numpy as np
 from pneuid.estimation.fit import Fit, result_of
 from pneuid.estimation.own import declared
 from pneuid.estimation.preparation import Run
-from pneuid.estimation.shooting import Shooting
+from pneuid.estimation.shooting import Shooting, relaxed_smoothing
 from pneuid.estimation.solver import Outcome
 from pneuid.estimation.stages import Relaxed
-from pneuid.physics.smoothing import COARSE
 from pneuid.plant import Plant
 
 
@@ -66,7 +65,7 @@ class Solution:
         """The fit that has these numbers; ``plant`` and ``runs`` are those it was made with."""
         free = [item.name for item in declared(plant, [run.own for run in runs])]
         problem = Shooting(plant, tuple(runs), free, self.started, self.ranges, self.substeps, self.samples)
-        problem.set_smoothing(COARSE)
+        problem.set_smoothing(relaxed_smoothing(plant))
         problem.relaxation = self.relaxation
         found = Outcome(
             np.array(self.X), self.cost, self.penalty, self.status, self.success, self.iterations, self.seconds

@@ -1,0 +1,87 @@
+"""What the training runs leave open of the parameters is not taken for a missing effect, and a missing effect not for that."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers import rig
+
+from pneuid.criticism.decision import diagnose
+from pneuid.criticism.trial import judge_of
+from pneuid.criticism.unsettled import unsettled
+from pneuid.effects import CATALOGUE
+from pneuid.estimation.fit import Fit, fit
+from pneuid.estimation.preparation import prepare
+from pneuid.plant import Plant
+from pneuid.recording import Recording
+from pneuid.virtual_rig import BENCH_SENSORS, Friction, Hidden, TruthBench, record_bench, strokes
+from pneuid.virtual_rig.hidden import NOTHING
+
+SLOW, FAST = (1e-3, 3e-3, 0.012), (0.03, 0.25)
+"""Stroke speeds, m/s: the viscous part of the slow ones is half a newton beside 0.6 N of noise."""
+
+SENSORS = {"sensors": {"x": "0.3 um", "p1": "0.5 kPa", "p2": "0.5 kPa", "F": "0.2 N"}}
+
+
+def recorded(name: str, speeds: tuple[float, ...], seed: int, hidden: Hidden = NOTHING) -> Recording:
+    """Strokes at ``speeds`` on the default bench."""
+    motion = strokes(speeds, longest=0.8, dwell=0.4)
+    stand = rig("bench", SENSORS)
+    made = record_bench(TruthBench(friction=Friction()), 4e5, 3e5, motion, hidden, seed, sensors=BENCH_SENSORS)
+    return Recording.from_arrays(name, stand, **made)
+
+
+@cache
+def fitted(hidden: Hidden = NOTHING, seed: int = 10) -> Fit:
+    runs = [recorded(f"slow_{i}.csv", SLOW, 100 * seed + i, hidden) for i in (1, 2)]
+    return fit(Plant(rig("bench", SENSORS), "lugre"), runs, exact=False)
+
+
+@pytest.mark.parametrize("seed", [10, 12, 16])
+def test_speeds_that_no_training_run_reached_are_no_missing_effect(seed):
+    base, held = fitted(seed=seed), [recorded("fast.csv", FAST, 100 * seed + 3)]
+    judge = judge_of(base, [prepare(run, base.plant, base.noise) for run in held])
+    trial = judge.trial(base)
+    assert trial.error - 1.0 > 10 * judge.small, "slow strokes must leave the viscous friction open"
+    assert judge.explains(trial)
+
+
+def test_the_verdict_says_that_the_training_runs_leave_it_open():
+    base, held = fitted(), [recorded("fast.csv", FAST, 1003)]
+    found = diagnose(base, held, CATALOGUE).diagnosis
+    assert found.verdict == "adequate"
+    assert any("train on runs that cover" in sentence for sentence in found.sentences)
+
+
+def test_what_is_open_vanishes_on_runs_like_the_training_runs():
+    base, held = fitted(), [recorded("slow.csv", SLOW, 3)]
+    runs = [prepare(run, base.plant, base.noise) for run in held]
+    judge = judge_of(base, runs)
+    assert unsettled(base, runs, judge.usual) < 0.02
+    assert judge.trial(base).error - 1.0 < judge.small
+
+
+def test_a_missing_effect_is_not_taken_for_open_parameters():
+    hidden = Hidden(load_spring=200.0)
+    base, held = fitted(hidden), [recorded("slow.csv", SLOW, 3, hidden)]
+    judge = judge_of(base, [prepare(run, base.plant, base.noise) for run in held])
+    trial = judge.trial(base)
+    assert trial.error - 1.0 > judge.small
+    assert not judge.explains(trial)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_bristle_of_a_bench_does_not_relax_at_rest(seed):
+    """Wide kinks of ``|v|`` let it: jumps of 1.5 um in every 20 ms at rest, and a Fc that is 8 % off."""
+    dwelling = recorded("dwells.csv", (2e-3, 0.012, 0.06), seed)
+    found = fit(Plant(rig("bench", SENSORS), "lugre"), [dwelling], exact=False)
+    problem, X = found.problem, found.relaxed.X
+    end, _ = problem.evaluate_values(X)
+    jumps = problem.defects(end, X)[:, 0] * problem.state_scale[0]
+    speed = np.abs(found.runs[0].motion.v)
+    at_rest = np.array([speed[k * problem.samples : (k + 1) * problem.samples].max() for k in problem.linked]) == 0.0
+    assert at_rest.sum() > 50
+    assert np.sqrt(np.mean(jumps[at_rest] ** 2)) < 0.6e-6
+    assert found.values["Fc"] == pytest.approx(12.0, rel=0.03)
