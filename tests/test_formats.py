@@ -70,8 +70,10 @@ def test_the_same_table_in_many_disguises(content: str, tmp_path: Path) -> None:
         (FileLayout(delimiter="\t"), "t [s]\tx [mm]\n0\t1\n1\t2\n"),
         (FileLayout(delimiter="whitespace"), "t [s]   x [mm]\n 0  1 \n1\t2\n"),
         (FileLayout(skip_rows=2), "logger 3\n\nt [s],x [mm]\n0,1\n1,2\n"),
+        (FileLayout(delimiter=";", decimal=","), "t [s];x [mm]\n0,0;1,\n10,0E-1;2\n"),
+        (FileLayout(encoding="cp1252"), "t [s],x [mm]\n0,1\n1,2\n"),
     ],
-    ids=["semicolon", "tab", "whitespace", "skip_rows"],
+    ids=["semicolon", "tab", "whitespace", "skip_rows", "decimal comma", "encoding"],
 )
 def test_layouts(layout: FileLayout, content: str, tmp_path: Path) -> None:
     table = read_table(write(tmp_path, content, "run.TXT"), layout)
@@ -79,6 +81,25 @@ def test_layouts(layout: FileLayout, content: str, tmp_path: Path) -> None:
     assert table.units == {"t": "s", "x": "mm"}
     np.testing.assert_array_equal(table.frame.to_numpy(float), [[0, 1], [1, 2]])
     assert table.frame.index[0] == layout.skip_rows + 2
+
+
+def test_decimal_commas_beside_text_and_points(tmp_path: Path) -> None:
+    """A column of dates does not hinder; a point where commas are decimals may mean thousands and is refused."""
+    layout = FileLayout(delimiter=";", decimal=",")
+    path = write(tmp_path, "t [s];day;x [mm]\n0,5;21.11.2026;1\n1,25;21.11.2026;1.234\n")
+    table = read_table(path, layout)
+    np.testing.assert_array_equal(table.numbers("t", False, "f"), [0.5, 1.25])
+    with pytest.raises(UserError, match=r"f: row 3, column 'x': '1.234' is not a number; .*decimals are written with"):
+        table.numbers("x", False, "f")
+    with pytest.raises(UserError, match=r"row 3, column 'x': '1.234,5' is not a number"):
+        read_table(write(tmp_path, "t [s];x [mm]\n0,5;1\n1,25;1.234,5\n"), layout).numbers("x", False, "f")
+    gaps = read_table(write(tmp_path, "t [s];x [mm]\n0,5;1\n1,25;\n"), FileLayout(delimiter=";", decimal=",", gaps=True))
+    np.testing.assert_array_equal(gaps.numbers("x", True, "f"), [1, np.nan])
+
+
+def test_a_logger_of_windows_writes_micrometres(tmp_path: Path) -> None:
+    table = read_table(write(tmp_path, b"t [s],x [\xb5m]\n0,1\n1,2\n"), FileLayout(encoding="cp1252"))
+    assert table.units["x"] == "\u00b5m"
 
 
 def test_without_a_header_columns_are_numbers(tmp_path: Path) -> None:
@@ -105,7 +126,7 @@ def test_gaps_become_nan_only_when_allowed(tmp_path: Path) -> None:
         ("1_000", "'1_000' is not a number"),
         ("0x10", "'0x10' is not a number"),
         ("n/a", "'n/a' is not a number"),
-        ('"1,5"', "decimals with a point"),
+        ('"1,5"', "for decimal commas write decimal"),
         ("1e999", "inf is not finite"),
         ("inf", "inf"),
     ],
@@ -130,8 +151,10 @@ def test_a_cell_that_is_no_number_is_named(cell: str, said: str, gaps: bool, tmp
         ("t [s],t [ms]\n0,1\n1,2\n", "row 1, column 2: 't' names two columns"),
         ("t [s],x [mm\n0,1\n1,2\n", "row 1, column 2: 'x [mm' is not of the form"),
         ("0,1\n1,2\n", "row 1: '0,1' is no header"),
-        ("t [s];x [mm]\n0;1\n", "delimiter"),
-        (b"t [s],x [\xb5m]\n0,1\n", "row 1: byte 0xb5 is not UTF-8"),
+        ("t [s];x [mm]\n0;1\n", 'the line holds \';\': write delimiter = ";" below [files] in rig.toml'),
+        ("t [s];x [mm]\n0,1;1\n", 'write delimiter = ";" and decimal = "," below [files]'),
+        ("t [s]\tx [mm]\n0\t1\n", r'write delimiter = "\t" below [files]'),
+        (b"t [s],x [\xb5m]\n0,1\n", "row 1: byte 0xb5 is not UTF-8 text; save the file as UTF-8, or write [files] encoding"),
         (b"t [s],x [mm]\n0,1\n\x80,2\n", "row 3: byte 0x80"),
         (b"\x00\x01\x02binary", "binary"),
         ("t [s],x [mm]\n0,1\n".encode("utf-16"), "UTF-16"),

@@ -6,13 +6,14 @@ what is expected and what to do.
 
 from __future__ import annotations
 
+import codecs
 import difflib
 import json
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, StrictInt, StrictStr, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, StrictInt, StrictStr, ValidationError, model_validator
 
 from pneuid.errors import UserError
 from pneuid.units import parse_quantity, shown
@@ -56,6 +57,17 @@ def _delimiter(value: object) -> str:
     return value
 
 
+def _encoding(value: object) -> str:
+    try:
+        # one byte for each of these: what splits rows and cells must be found in the bytes
+        plain = isinstance(value, str) and "0;,\n".encode(value) == b"0;,\n"
+    except (LookupError, ValueError):
+        plain = False
+    if not plain:
+        raise ValueError(f'{shown(value)} is not an encoding of plain text; write for example "utf-8" or "cp1252"')
+    return codecs.lookup(str(value)).name
+
+
 def _column(value: object) -> str | int:
     if isinstance(value, str) and value.strip():
         return value
@@ -92,6 +104,7 @@ Pressure = Annotated[float, _between("Pa", -1e8, 1e8, low_open=False)]
 AbsolutePressure = Annotated[float, _between("Pa", 0.0, 1e8)]
 Temperature = Annotated[float, _between("K", 0.0, 2000.0)]
 Delimiter = Annotated[str, BeforeValidator(_delimiter)]
+Encoding = Annotated[str, BeforeValidator(_encoding)]
 ColumnName = Annotated[str | int, BeforeValidator(_column)]
 Gain = Annotated[str, BeforeValidator(_gain)]
 Name = Annotated[str, BeforeValidator(_name)]
@@ -156,6 +169,14 @@ class Files(_Section):
     header: StrictBool = True
     skip_rows: Annotated[StrictInt, Field(ge=0, le=1_000_000)] = 0
     gaps: StrictBool = False
+    decimal: Literal[".", ","] = "."
+    encoding: Encoding = "utf-8"
+
+    @model_validator(mode="after")
+    def _commas_mean_one_thing(self) -> Self:
+        if self.delimiter == self.decimal:
+            raise ValueError('decimal = "," needs another delimiter; write for example delimiter = ";"')
+        return self
 
 
 class Column(_Section):

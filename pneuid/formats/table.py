@@ -14,6 +14,7 @@ from pneuid.units import shown
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _MISSING = ("", "nan")
+_DECIMAL_COMMA = re.compile(_NUMBER.pattern.replace(r"\.", ","))
 
 
 @dataclass(frozen=True)
@@ -21,13 +22,16 @@ class FileLayout:
     """How text files are laid out.
 
     ``delimiter``: one character, or ``"whitespace"``; ``header``: whether a line names the columns;
-    ``skip_rows``: lines before it; ``gaps``: whether empty and NaN cells are missing samples.
+    ``skip_rows``: lines before it; ``gaps``: whether empty and NaN cells are missing samples; ``decimal``: ``"."`` or
+    ``","``; ``encoding``: of the text, by the name that Python gives it.
     """
 
     delimiter: str = ","
     header: bool = True
     skip_rows: int = 0
     gaps: bool = False
+    decimal: str = "."
+    encoding: str = "utf-8"
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,8 @@ class RawTable:
     one. ``row_word``: what the index counts. ``ignored``: name -> why a variable is not a column. ``apart``:
     name without group -> why it is in the file but not a column (another rate, several of that name, two units):
     a signal among them is refused, not taken as absent. ``placed``: column -> at which rate it was recorded, for columns whose
-    samples were put where they belong among those of a faster one, NaN between them.
+    samples were put where they belong among those of a faster one, NaN between them. ``decimal``: ``"."`` or ``","``, what
+    cells kept as text write decimals with.
     """
 
     frame: pd.DataFrame
@@ -49,6 +54,7 @@ class RawTable:
     ignored: dict[str, str] = field(default_factory=dict)
     apart: dict[str, str] = field(default_factory=dict)
     placed: dict[str | int, str] = field(default_factory=dict)
+    decimal: str = "."
 
     def numbers(self, column: str | int, gaps: bool, where: str) -> NDArray[np.float64]:
         """The column as floats, shape (N,), NaN where a sample is missing.
@@ -59,7 +65,7 @@ class RawTable:
         series = self.frame[column]
         if series.dtype == object:
             self._refuse_text(series, gaps, where)
-        values = np.array([_number(cell) for cell in series]) if series.dtype == object else series.to_numpy(float)
+        values = np.array([number(cell, self.decimal) for cell in series]) if series.dtype == object else series.to_numpy(float)
         refused = np.isinf(values) if gaps else ~np.isfinite(values)
         if refused.any():
             first = int(np.flatnonzero(refused)[0])
@@ -74,22 +80,25 @@ class RawTable:
     def _refuse_text(self, series: pd.Series, gaps: bool, where: str) -> None:
         for row, cell in series.items():
             text = str(cell).strip()
-            if is_number(text) or text.lower() in _MISSING:
+            if is_number(text, self.decimal) or text.lower() in _MISSING:
                 continue
             advice = ""
-            if re.fullmatch(r"[+-]?\d+,\d+", text):
-                advice = "; write decimals with a point"
+            if self.decimal == "." and is_number(text, ","):
+                advice = '; for decimal commas write decimal = "," below [files] in rig.toml'
+            elif is_number(text):
+                advice = '; [files] decimal in rig.toml says that decimals are written with ","'
             elif gaps:
                 advice = "; leave a missing sample empty or write NaN"
             place = f"{where}: {self.row_word} {row}, column {shown(series.name)}"
             raise UserError(f"{place}: {shown(text)} is not a number{advice}")
 
 
-def is_number(text: str) -> bool:
-    """Whether ``text`` is a decimal number (no NaN, no underscores, no decimal comma)."""
-    return _NUMBER.fullmatch(text) is not None
+def is_number(text: str, decimal: str = ".") -> bool:
+    """Whether ``text`` is a number with decimals after ``decimal`` (no NaN, no underscores, no mark for thousands)."""
+    return (_DECIMAL_COMMA if decimal == "," else _NUMBER).fullmatch(text) is not None
 
 
-def _number(cell: object) -> float:
-    text = str(cell).strip()
+def number(cell: object, decimal: str = ".") -> float:
+    """The number that a cell holds, NaN for an empty one."""
+    text = str(cell).strip().replace(decimal, ".")
     return float(text) if text else float("nan")

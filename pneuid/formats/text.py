@@ -7,6 +7,7 @@ over the lines otherwise, which knows the line and the cell that is wrong.
 from __future__ import annotations
 
 import csv
+import json
 import re
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from pneuid.errors import UserError
-from pneuid.formats.table import FileLayout, RawTable, is_number
+from pneuid.formats.table import FileLayout, RawTable, is_number, number
 from pneuid.units import shown
 
 _HEADER_CELL = re.compile(r"(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?")
@@ -27,7 +28,7 @@ def read_text(path: Path, layout: FileLayout) -> RawTable:
     row and what was found for bytes that are not UTF-8 text, no samples, empty lines between samples,
     rows with more or fewer cells than the first, and repeated column names.
     """
-    lines = _lines(path)
+    lines = _lines(path, layout.encoding)
     first = layout.skip_rows
     if len(lines) <= first + layout.header:
         skipped = f" after skip_rows = {layout.skip_rows}" if layout.skip_rows else ""
@@ -36,7 +37,7 @@ def read_text(path: Path, layout: FileLayout) -> RawTable:
     names: list[str | int] | None = None
     units: dict[str | int, str] = {}
     if layout.header:
-        names, units = _header(lines[first], layout, f"{path}: row {first + 1}")
+        names, units = _header(lines[first], lines[first + 1], layout, f"{path}: row {first + 1}")
         first += 1
     body = lines[first:]
     for offset, line in enumerate(body):
@@ -48,10 +49,10 @@ def read_text(path: Path, layout: FileLayout) -> RawTable:
     numbers = _all_numbers(body, layout, width)
     if numbers is not None:
         return RawTable(frame=pd.DataFrame(numbers, columns=names, index=index), units=units)
-    return RawTable(frame=_walk(body, layout, names, index, path), units=units)
+    return RawTable(frame=_walk(body, layout, names, index, path), units=units, decimal=layout.decimal)
 
 
-def _lines(path: Path) -> list[str]:
+def _lines(path: Path, encoding: str) -> list[str]:
     """The lines of the file without line ends; empty lines at its end are dropped."""
     content = path.read_bytes()
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -59,11 +60,12 @@ def _lines(path: Path) -> list[str]:
     if b"\0" in content:
         raise UserError(f"{path}: the file holds binary data, not text")
     try:
-        text = content.decode("utf-8-sig")
+        text = content.decode("utf-8-sig" if encoding == "utf-8" else encoding)
     except UnicodeDecodeError as error:
         row = content.count(b"\n", 0, error.start) + 1
         byte = content[error.start]
-        raise UserError(f"{path}: row {row}: byte 0x{byte:02x} is not UTF-8 text; save the file as UTF-8") from error
+        advice = 'save the file as UTF-8, or write [files] encoding = "cp1252" (Windows, western Europe) in rig.toml'
+        raise UserError(f"{path}: row {row}: byte 0x{byte:02x} is not {encoding.upper()} text; {advice}") from error
     # Not str.splitlines: it also splits at form feeds and the like, and line numbers would be off.
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     while lines and not lines[-1].strip():
@@ -80,16 +82,21 @@ def _cells(line: str, layout: FileLayout, where: str) -> list[str]:
         raise UserError(f"{where}: {error}") from error
 
 
-def _header(line: str, layout: FileLayout, where: str) -> tuple[list[str | int], dict[str | int, str]]:
-    """Column names and units of a header line; a column without a name is called ``column N``."""
+def _header(line: str, below: str, layout: FileLayout, where: str) -> tuple[list[str | int], dict[str | int, str]]:
+    """Column names and units of a header line; a column without a name is called ``column N``.
+
+    ``below``, the first line of samples, says whether a wrong delimiter comes with decimal commas.
+    """
     cells = _header_cells(line, layout, where)
     other = next((mark for mark in (";", "\t", ",") if mark != layout.delimiter and mark in line), None)
     if len(cells) == 1 and other is not None:
+        commas = any("," in cell and is_number(cell.strip(), ",") for cell in below.split(other))
+        keys = f"delimiter = {json.dumps(other)}" + ' and decimal = ","' * (other != "," and commas)
         raise UserError(
             f"{where}: only one column found with delimiter {shown(layout.delimiter)}; the line holds "
-            f"{shown(other)}: set [files] delimiter in rig.toml"
+            f"{shown(other)}: write {keys} below [files] in rig.toml"
         )
-    if all(is_number(cell) for cell in cells):
+    if all(is_number(cell, layout.decimal) for cell in cells):
         raise UserError(
             f"{where}: {shown(line.strip())} is no header; write name [unit] for each column, or set "
             "[files] header = false in rig.toml"
@@ -123,6 +130,11 @@ def _all_numbers(body: list[str], layout: FileLayout, width: int) -> np.ndarray 
         # Where empty cells are missing samples they are NaN to the strict parser.
         split = (line.split(delimiter) for line in body)
         body = [delimiter.join("nan" if not cell.strip() else cell for cell in cells) for cells in split]
+    if layout.decimal == ",":
+        if any("." in line for line in body):
+            # A point may mean thousands: the walk keeps such a cell as text.
+            return None
+        body = [line.replace(",", ".") for line in body]
     try:
         numbers = np.loadtxt(body, delimiter=delimiter, comments=None, ndmin=2, dtype=np.float64)
     except ValueError:
@@ -145,11 +157,11 @@ def _walk(
             )
         rows.append(cells)
     columns: dict[str | int, pd.Series] = {}
-    for number, name in enumerate(names):
-        cells = [row[number] for row in rows]
-        plain = all(is_number(cell) for cell in cells)
+    for place, name in enumerate(names):
+        cells = [row[place] for row in rows]
+        plain = all(is_number(cell, layout.decimal) for cell in cells)
         columns[name] = (
-            pd.Series([float(cell) for cell in cells], index=index)
+            pd.Series([number(cell, layout.decimal) for cell in cells], index=index)
             if plain
             else pd.Series(cells, index=index, dtype=object)
         )
