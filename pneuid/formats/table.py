@@ -65,7 +65,7 @@ class RawTable:
         series = self.frame[column]
         if series.dtype == object:
             self._refuse_text(series, gaps, where)
-        values = np.array([number(cell, self.decimal) for cell in series]) if series.dtype == object else series.to_numpy(float)
+        values = np.array([to_number(cell, self.decimal) for cell in series]) if series.dtype == object else series.to_numpy(float)
         refused = np.isinf(values) if gaps else ~np.isfinite(values)
         if refused.any():
             first = int(np.flatnonzero(refused)[0])
@@ -98,7 +98,7 @@ def is_number(text: str, decimal: str = ".") -> bool:
     return (_DECIMAL_COMMA if decimal == "," else _NUMBER).fullmatch(text) is not None
 
 
-def number(cell: object, decimal: str = ".") -> float:
+def to_number(cell: object, decimal: str = ".") -> float:
     """The number that a cell holds, NaN for an empty one."""
     text = str(cell).strip().replace(decimal, ".")
     return float(text) if text else float("nan")

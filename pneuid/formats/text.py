@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from pneuid.errors import UserError
-from pneuid.formats.table import FileLayout, RawTable, is_number, number
+from pneuid.formats.table import FileLayout, RawTable, is_number, to_number
 from pneuid.units import shown
 
 _HEADER_CELL = re.compile(r"(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?")
@@ -161,7 +161,7 @@ def _walk(
         cells = [row[place] for row in rows]
         plain = all(is_number(cell, layout.decimal) for cell in cells)
         columns[name] = (
-            pd.Series([number(cell, layout.decimal) for cell in cells], index=index)
+            pd.Series([to_number(cell, layout.decimal) for cell in cells], index=index)
             if plain
             else pd.Series(cells, index=index, dtype=object)
         )
