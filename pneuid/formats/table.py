@@ -65,7 +65,9 @@ class RawTable:
         series = self.frame[column]
         if series.dtype == object:
             self._refuse_text(series, gaps, where)
-        values = np.array([to_number(cell, self.decimal) for cell in series]) if series.dtype == object else series.to_numpy(float)
+            values = np.array([to_number(cell, self.decimal) for cell in series])
+        else:
+            values = series.to_numpy(float)
         refused = np.isinf(values) if gaps else ~np.isfinite(values)
         if refused.any():
             first = int(np.flatnonzero(refused)[0])
