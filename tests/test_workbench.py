@@ -10,8 +10,9 @@ import pytest
 
 from pneuid.errors import UserError
 from pneuid.workbench import look
-from pneuid.workbench.project import Project, demo_project, with_columns
+from pneuid.workbench.project import Project, demo_project
 from pneuid.workbench.regions import region_mask, stretches
+from pneuid.workbench.rig_text import with_columns, with_files
 from pneuid.workbench.security import SUFFIXES, LocalOnly, safe_name
 
 # --- names ---
@@ -233,6 +234,42 @@ def test_a_mapping_goes_into_rig_toml_and_comes_back(tmp_path):
         "x": ('weg "1"', "mm"), "p1": ("druck", None),
     }  # fmt: skip
     assert "data sheet; the fit starts from it" in made
+
+
+def test_gain_and_offset_of_a_mapped_signal_stay(tmp_path):
+    from pneuid.rig import Rig
+
+    text = demo_project(tmp_path / "demo").rig_text() + (
+        '[files]\nheader = false\ngaps = true\n[columns]\nt = {column = 1, unit = "ms"}\n'
+        'x = {column = 2, unit = "mm", gain = "-1", offset = "500 mm"}\n'
+    )
+    path = tmp_path / "rig.toml"
+    path.write_text(with_columns(text, {"t": ("1", "s"), "x": ("3", "mm")}))
+    rig = Rig.from_toml(path)
+    assert (rig.columns["t"].column, rig.columns["t"].unit) == (1, "s")
+    assert (rig.columns["x"].column, rig.columns["x"].gain, rig.columns["x"].offset) == (3, "-1", 0.5)
+    layout = {"delimiter": ";", "decimal": ",", "header": True, "skip_rows": 0, "encoding": "utf-8"}
+    path.write_text(with_columns(with_files(text, layout), {"t": ("Zeit", "ms")}))
+    files = Rig.from_toml(path).files
+    assert (files.delimiter, files.decimal, files.header, files.gaps) == (";", ",", True, True)
+    assert with_files(text, {"header": False}) == text
+
+
+def test_a_logger_of_its_own_layout_is_taken_and_its_head_is_shown(tmp_path):
+    from pneuid.workbench.reading import check_upload, raw_head
+
+    rig = demo_project(tmp_path / "demo").rig_text()
+    path = tmp_path / "log.csv"
+    path.write_bytes("Zeit;Weg [\u00b5m];P_A\n".encode("cp1252") + b"".join(b"%d,5;1%d,0;3\n" % (k, k) for k in range(400)))
+    assert "is not UTF-8 text" in check_upload(path, rig)
+    assert "is not UTF-8 text" in check_upload(path, None)
+    head = raw_head(path, rig)
+    assert head.columns == ("Zeit", "Weg", "P_A") and head.units == {"Weg": "\u00b5m"} and not head.fault
+    assert head.rows[1] == ("1.5", "11", "3")
+    assert (head.layout["delimiter"], head.layout["decimal"], head.layout["encoding"]) == (";", ",", "cp1252")
+    wrong = raw_head(path, rig, head.layout | {"delimiter": "\t"})
+    assert "only one column found" in wrong.fault and "tmp" not in wrong.fault and len(wrong.rows) == 6
+    assert "column t is missing" in check_upload(path, with_files(rig, head.layout))
 
 
 def test_a_damaged_result_is_none(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -30,12 +31,18 @@ class RunData:
 
 @dataclass(frozen=True)
 class RawPreview:
-    """The head of a file as it stands: columns, the units their headers state, some rows as text."""
+    """The head of a file as it stands: columns, the units their headers state, some rows as text.
+
+    ``layout``: the keys of ``[files]`` it was read with, empty where the file is not text; ``fault``: why it cannot be read
+    with them, ``rows`` being the plain lines then.
+    """
 
     name: str
     columns: tuple[str, ...]
     units: dict[str, str]
     rows: tuple[tuple[str, ...], ...]
+    layout: dict[str, Any] = field(default_factory=dict)
+    fault: str = ""
     known_signals: tuple[str, ...] = ()
     required: tuple[str, ...] = ()
     mapped: dict[str, tuple[str, str]] = field(default_factory=dict)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,38 +10,13 @@ from typing import Any
 
 from pneuid.errors import UserError
 from pneuid.resources import scenario_path
+from pneuid.workbench.rig_text import RIG_TEMPLATE
 from pneuid.workbench.security import SUFFIXES, safe_name
 
 RIG = "rig.toml"
 SETTINGS = "workbench.json"
 ROLES = ("train", "hold_out", "unused")
 _SCHEMA = 1
-
-RIG_TEMPLATE = """kind = "servo"                     # or "bench"
-friction = "lugre"
-
-[conventions]
-pressure = "gauge"                 # how p1, p2 are recorded: "gauge" or "abs"
-
-[cylinder]
-bore = "32 mm"
-rod = "12 mm"
-stroke = "500 mm"
-dead_volume_1 = "12 cm^3"          # tubing included
-dead_volume_2 = "14 cm^3"
-
-[load]
-mass = "2.4 kg"                    # all that moves
-
-[valve]
-conductance = "1.0e-8 m^3/(s*Pa)"  # data sheet; the fit starts from it
-critical_ratio = 0.30
-full_scale = "10 V"
-null = "0 V"
-
-[supply]
-pressure = "600 kPa"
-"""
 
 
 @dataclass(frozen=True)
@@ -209,19 +183,3 @@ def demo_project(folder: Path) -> Project:
         if (source.name == RIG or source.suffix == ".csv") and not (project.folder / source.name).exists():
             shutil.copy(source, project.folder / source.name)
     return project
-
-
-def with_columns(rig_text: str, mapping: dict[str, tuple[str, str]]) -> str:
-    """``rig_text`` with its ``[columns]`` replaced by ``signal -> (column, unit)``; comments elsewhere stay."""
-    kept, inside = [], False
-    for line in rig_text.splitlines():
-        header = re.match(r"\s*\[+\s*([^\]]+?)\s*\]+", line)
-        if header:
-            inside = header[1] == "columns" or header[1].startswith("columns.")
-        if not inside:
-            kept.append(line)
-    lines = ["\n".join(kept).rstrip(), "", "[columns]"] if mapping else ["\n".join(kept).rstrip()]
-    for signal, (column, unit) in mapping.items():
-        stated = f", unit = {json.dumps(unit)}" if unit else ""
-        lines.append(f"{signal} = {{column = {json.dumps(column, ensure_ascii=False)}{stated}}}")
-    return "\n".join(lines) + "\n"

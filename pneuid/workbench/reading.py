@@ -3,26 +3,40 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import tempfile
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from pneuid.errors import UserError
-from pneuid.formats import FileLayout, read_table
+from pneuid.formats import READERS, FileLayout, RawTable, read_table
+from pneuid.formats.text import read_text
 from pneuid.plausibility import check_recordings
 from pneuid.recording import REQUIRED, Recording
 from pneuid.report.style import axis_label, shown
 from pneuid.rig import Rig
 from pneuid.workbench.payload import Channel, RawPreview, RunData
+from pneuid.workbench.rig_text import FILE_DEFAULTS
 
 LARGE_TEXT = 8 * 2**20
 """Size in bytes above which a text file is shown thinned while the whole of it is being checked."""
 
 PREVIEW_SAMPLES = 8000
 HEAD_ROWS = 6
+HEAD_LINES = 200
+"""Lines of a text file that tell its layout."""
+
+_LAYOUTS = tuple(
+    (delimiter, decimal, encoding)
+    for encoding in ("utf-8", "cp1252")
+    for delimiter, decimal in ((",", "."), (";", ","), (";", "."), ("\t", ","), ("\t", "."), ("whitespace", "."))
+)
 
 
 def check_rig(text: str) -> None:
@@ -94,8 +108,13 @@ def check_upload(path: Path, rig_text: str | None) -> str:
     Raises ``UserError`` for a file that is no table of numbers at all, or one whose rows are broken.
     """
     layout = rig_of(rig_text).files if rig_text is not None else FileLayout()
-    table = read_table(path, layout)
-    numeric = [name for name in table.frame.columns if table.frame[name].dtype != object]
+    try:
+        table = read_table(path, layout)
+    except UserError as error:
+        if _fitting_layout(path, layout) in (None, layout):
+            raise
+        return str(error)
+    numeric = _numeric(table)
     mixed = [name for name in table.frame.columns if name not in numeric and _some_number(table.frame[name])]
     if len(numeric) + len(mixed) < 2:
         raise UserError(f"{path.name}: not a recording: it holds no two columns of numbers; give one column per signal")
@@ -110,6 +129,10 @@ def check_upload(path: Path, rig_text: str | None) -> str:
     return ""
 
 
+def _numeric(table: RawTable) -> list[str | int]:
+    return [name for name in table.frame.columns if table.frame[name].dtype != object]
+
+
 def _some_number(column: object) -> bool:
     def number(cell: object) -> bool:
         try:
@@ -121,10 +144,25 @@ def _some_number(column: object) -> bool:
     return any(number(cell) for cell in list(column)[:1000])  # type: ignore[call-overload]
 
 
-def raw_head(path: Path, rig_text: str | None) -> RawPreview:
-    """The head of a file as it stands, and the mapping that the rig states. Raises ``UserError``."""
+def raw_head(path: Path, rig_text: str | None, layout: Mapping[str, Any] | None = None) -> RawPreview:
+    """The head of a file as it stands, and the mapping that the rig states.
+
+    A text file is read with the keys of ``layout``; without them as the rig states, or with another layout that makes
+    more numbers of it. Raises ``UserError`` for a file that cannot be read at all.
+    """
     rig = rig_of(rig_text) if rig_text is not None else None
-    table = read_table(path, rig.files if rig else FileLayout())
+    used, fault = rig.files if rig else FileLayout(), ""
+    with _head_only(path, HEAD_LINES + used.skip_rows) as head:
+        if head is None:
+            table = read_table(path, used)
+        else:
+            used = replace(used, **layout) if layout is not None else _fitting_layout(path, used) or used
+            try:
+                table = read_table(head, used)
+            except UserError as error:
+                fault = str(error).replace(str(head), path.name)
+                lines = head.read_text(encoding="utf-8", errors="replace").splitlines()[:HEAD_ROWS]
+                table = RawTable(pd.DataFrame({"": lines}))
     columns = tuple(str(name) for name in table.frame.columns)
     rows = tuple(tuple(f"{cell:.7g}" if isinstance(cell, float) else str(cell) for cell in row)
                  for row in table.frame.head(HEAD_ROWS).itertuples(index=False))  # fmt: skip
@@ -134,7 +172,35 @@ def raw_head(path: Path, rig_text: str | None) -> RawPreview:
     for name in known:
         if name not in mapped and name in columns:
             mapped[name] = (name, "")
-    return RawPreview(path.name, columns, units, rows, known, REQUIRED[rig.kind] if rig else (), mapped)
+    keys = {} if head is None else {key: getattr(used, key) for key in FILE_DEFAULTS}
+    return RawPreview(path.name, columns, units, rows, keys, fault, known, REQUIRED[rig.kind] if rig else (), mapped)
+
+
+@contextlib.contextmanager
+def _head_only(path: Path, lines: int) -> Iterator[Path | None]:
+    """A copy of the first lines of a text file, under its name in a folder of its own; None where it is not text."""
+    if READERS.get(path.suffix.lower()) is not read_text:
+        yield None
+        return
+    with tempfile.TemporaryDirectory() as folder, path.open("rb") as stream:
+        head = Path(folder) / path.name
+        head.write_bytes(b"".join(itertools.islice(stream, lines)))
+        yield head
+
+
+def _fitting_layout(path: Path, stated: FileLayout) -> FileLayout | None:
+    """The layout, first of all ``stated``, that makes the most columns of numbers of a text file; None without two."""
+    best, most = None, 1
+    with _head_only(path, HEAD_LINES + stated.skip_rows) as head:
+        if head is None:
+            return None
+        for delimiter, decimal, encoding in ((stated.delimiter, stated.decimal, stated.encoding), *_LAYOUTS):
+            layout = replace(stated, delimiter=delimiter, decimal=decimal, encoding=encoding)
+            with contextlib.suppress(UserError):
+                count = len(_numeric(read_table(head, layout)))
+                if count > most:
+                    best, most = layout, count
+    return best
 
 
 def doubts(paths: Sequence[Path], rig_text: str) -> tuple[str, ...]:

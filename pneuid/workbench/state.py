@@ -221,7 +221,10 @@ class Workbench:
         def checked(hint: str) -> None:
             self.project.accept(waiting)
             self.refused.pop(name, None)
-            self.say(f"{name} added" + (f"; {self._short(hint)}" if hint else ""), "warning" if hint else "positive")
+            if hint:
+                self.say(f"added, but not usable yet: {self._short(hint)}", "warning")
+            else:
+                self.say(f"{name} added", "positive")
             self.look()
 
         def failed(message: str) -> None:
@@ -240,17 +243,17 @@ class Workbench:
     def refuse(self, name: str, message: str) -> None:
         """Keep why an upload was refused until it is read."""
         self.refused[name] = message
-        self.say(message)
         self.revision += 1
 
-    def look_at_head(self, name: str) -> None:
-        """Fetch the head of a file as it stands, for mapping its columns."""
+    def look_at_head(self, name: str, layout: dict[str, Any] | None = None) -> None:
+        """Fetch the head of a file as it stands, for mapping its columns; ``layout``: keys of ``[files]`` to read it with."""
+        self.head = None
         rig = self.project.rig_text() if self.project.has_rig else None
 
         def found(head: RawPreview) -> None:
             self.head = head
 
-        arguments = {"path": self.project.path(name), "rig_text": rig}
+        arguments = {"path": self.project.path(name), "rig_text": rig, "layout": layout}
         self.reader.submit(
             f"the head of {name}", READING, "raw_head", arguments, then=found, otherwise=self._complain, first=True
         )

@@ -41,12 +41,13 @@ def build(page: Any) -> None:
 
 def _right(page: Any) -> None:
     bench = page.bench
-    for name, message in bench.refused.items():
-        with ui.row().classes("panel warning w-full items-center no-wrap"):
-            ui.label(f"{name} was refused. {message}").classes("grow").props('data-testid="refused"')
-            ui.button(icon="close", on_click=lambda _, name=name: _dismiss(page, name)).props(
-                'flat dense round aria-label="dismiss"'
-            )
+    if bench.refused:
+        with ui.row().classes("panel warning w-full items-start no-wrap"):
+            with ui.column().classes("grow gap-1").style("max-height:40vh;overflow-y:auto").props('data-testid="refused"'):
+                ui.label("Refused, and not in the project").classes("head")
+                for name, message in bench.refused.items():
+                    ui.label(message if name in message else f"{name}: {message}")
+            ui.button(icon="close", on_click=lambda: _dismiss(page)).props('flat dense round aria-label="dismiss"')
     if bench.doubts:
         words = f"Look at this first: {len(bench.doubts)} doubt{'s' * (len(bench.doubts) > 1)} about the recordings"
         with ui.expansion(words, value=True) as box:
@@ -56,8 +57,8 @@ def _right(page: Any) -> None:
     _shown_run(page)
 
 
-def _dismiss(page: Any, name: str) -> None:
-    page.bench.refused.pop(name, None)
+def _dismiss(page: Any) -> None:
+    page.bench.refused.clear()
     page.bench.revision += 1
 
 
@@ -141,7 +142,8 @@ def _rig(page: Any) -> Callable[[], None]:
         box.style("padding:0")
         fault = note("", "warning", "rig-fault")
         text = ui.textarea(value=page.memory.get("rig", bench.project.rig_text())).props(
-            'outlined aria-label="rig.toml" input-style="font-family:monospace;font-size:13px;height:300px"'
+            'outlined aria-label="rig.toml" input-style="'
+            'font-family:monospace;font-size:13px;height:300px;white-space:pre;overflow-x:auto"'
         )
         text.classes("w-full").on_value_change(lambda e: page.memory.__setitem__("rig", e.value))
 
@@ -171,12 +173,13 @@ def _shown_run(page: Any) -> None:
             return
         with ui.row().classes("w-full items-center gap-2"):
             ui.label(name).classes("head grow")
-            ui.button("Map columns", icon="view_column", on_click=lambda: mapping.ask(page, name)).props(
-                'flat no-caps dense data-testid="map"'
-            )
+            asks = ui.button("Map columns", icon="view_column", on_click=lambda: mapping.ask(page, name))
+            asks.props('flat no-caps dense data-testid="map"').set_enabled(bench.project.has_rig)
             ui.button("Put aside", icon="archive", on_click=lambda: _put_aside(page, name)).props("flat no-caps dense")
         if name in bench.faults:
             note(bench.faults[name], "warning", "fault")
+            words = "Where only layout, names or units differ: Map columns shows the file's head and writes them to rig.toml."
+            ui.label(words).classes("soft")
             return
         run = bench.data.get(name)
         if run is None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from nicegui import ui
 
 from pneuid.workbench.payload import RawPreview
-from pneuid.workbench.project import with_columns
+from pneuid.workbench.rig_text import with_columns, with_files
 from pneuid.workbench.views.parts import note, table
 
 _MEANINGS = {
@@ -15,11 +16,14 @@ _MEANINGS = {
     "p2": "pressure, rod side", "psup": "supply pressure", "F": "driving force",
 }  # fmt: skip
 
+_DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "whitespace": "blanks", "|": "bar"}
+_DECIMALS = {".": "point", ",": "comma"}
+_ENCODINGS = {"utf-8": "UTF-8", "cp1252": "cp1252 (Windows)"}
+
 
 def ask(page: Any, name: str) -> None:
     """Open the dialog on a file of the project."""
     bench = page.bench
-    bench.head = None
     bench.look_at_head(name)
 
     def ready() -> None:
@@ -27,7 +31,11 @@ def ask(page: Any, name: str) -> None:
             waiting.deactivate()
             inside.clear()
             with inside:
-                _form(page, bench.head, dialog)
+                _form(page, bench.head, dialog, again)
+
+    def again(layout: dict[str, Any]) -> None:
+        bench.look_at_head(name, layout)
+        waiting.activate()
 
     page.above.clear()
     with page.above, ui.dialog().props("full-width") as dialog, ui.card().classes("w-full gap-2"):
@@ -39,15 +47,42 @@ def ask(page: Any, name: str) -> None:
     dialog.open()
 
 
-def _form(page: Any, head: RawPreview, dialog: ui.dialog) -> None:
-    heads = [
-        f"{column} [{head.units[column]}]" if column in head.units else f"{column} (no unit)" for column in head.columns
-    ]
+def _layout(head: RawPreview, again: Callable[[dict[str, Any]], None]) -> None:
+    """How the text is laid out; a change reads the head again."""
+
+    def changed(key: str, value: Any) -> None:
+        if value is not None:
+            again(head.layout | {key: value})
+
+    with ui.row().classes("w-full items-center gap-3"):
+        for key, label, known in (("delimiter", "cells split at", _DELIMITERS), ("decimal", "decimal mark", _DECIMALS),
+                                  ("encoding", "text", _ENCODINGS)):  # fmt: skip
+            value = head.layout[key]
+            options = known if value in known else {value: value} | known
+            pick = ui.select(options, value=value, label=label, on_change=lambda e, key=key: changed(key, e.value))
+            pick.props("dense outlined options-dense").classes("min-w-[150px]")
+        rows = ui.number("lines before the header", value=head.layout["skip_rows"], min=0, precision=0)
+        rows.props("dense outlined debounce=600").classes("w-[180px]")
+        rows.on_value_change(lambda e: changed("skip_rows", int(e.value) if e.value is not None and e.value >= 0 else None))
+        ui.checkbox("a line names the columns", value=head.layout["header"],
+                    on_change=lambda e: changed("header", bool(e.value)))  # fmt: skip
+
+
+def _form(page: Any, head: RawPreview, dialog: ui.dialog, again: Callable[[dict[str, Any]], None]) -> None:
+    if head.layout:
+        _layout(head, again)
+    if head.fault:
+        note(head.fault, "warning", "head-fault")
+    heads = [f"{column} [{head.units[column]}]" if column in head.units else f"{column} (no unit)" * bool(column)
+             for column in head.columns]  # fmt: skip
     with ui.element("div").classes("w-full").style("overflow-x:auto"):
         table(heads, head.rows)
+    if head.fault:
+        ui.button("Close", on_click=dialog.close).props("flat no-caps")
+        return
     note(
-        "Signals with * are needed. Kept in rig.toml under [columns], for every run of the project; a unit is asked for only "
-        "where the header of the column states none."
+        "Signals with * are needed. Kept in rig.toml under [files] and [columns], for every run of the project; a unit is "
+        "asked for only where the header of the column states none."
     )
     chosen: dict[str, tuple[Any, Any]] = {}
     with ui.grid(columns="auto 320px 180px").classes("items-center gap-x-4 gap-y-1"):
@@ -58,15 +93,15 @@ def _form(page: Any, head: RawPreview, dialog: ui.dialog) -> None:
             options = ["", *head.columns]
             pick = ui.select(options, value=column if column in options else "").props("dense outlined options-dense")
             pick.props(f'aria-label="column of {signal}"')
-            field = ui.input(value=unit, placeholder="as in the header").props(
+            field = ui.input(value=unit, placeholder="as in the header" if head.units else "unit").props(
                 f'dense outlined aria-label="unit of {signal}"'
             )
             chosen[signal] = pick, field
 
     def save() -> None:
         mapping = {signal: (pick.value, unit.value.strip()) for signal, (pick, unit) in chosen.items() if pick.value}
-        plain = {signal: pair for signal, pair in mapping.items() if pair != (signal, "")}
-        page.bench.save_rig(with_columns(page.bench.project.rig_text(), plain))
+        text = with_files(page.bench.project.rig_text(), head.layout)
+        page.bench.save_rig(with_columns(text, mapping))
         dialog.close()
 
     with ui.row():
