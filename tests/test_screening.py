@@ -13,8 +13,9 @@ from helpers import base_fit, held_runs, rig, scores
 from scipy.sparse.linalg import spsolve
 
 from pneuid.criticism.decision import Verdict, diagnose
+from pneuid.criticism.defect_shapes import defect_shapes
 from pneuid.criticism.prediction import Frozen, Prediction, noise_floor, predict, rmse, typical
-from pneuid.criticism.screening import Score, screen
+from pneuid.criticism.screening import Fitted, Score, screen, screened
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import Fit, fit
 from pneuid.estimation.preparation import prepare
@@ -268,3 +269,26 @@ def test_nothing_is_diagnosed_where_nothing_hides():
     assert verdict.diagnosis.verdict == "adequate" and verdict.diagnosis.effects == ()
     assert verdict.best is base_fit("", 3)
     assert len(verdict.rungs) == 1
+
+
+# --- over the measured defect ---
+
+
+@pytest.mark.parametrize(("hidden", "name"), [("leakage_internal", "leakage_internal"), ("friction_direction", "gravity")])
+def test_what_an_effect_changes_lowers_the_cost_by_the_predicted_drop(hidden, name):
+    """The stacked residuals with the projected change beside them, against the drop from the projected products."""
+    fitted = Fitted(base_fit(hidden))
+    (change,) = screened(fitted, [CATALOGUE[name]], tuple(CATALOGUE))
+    after = fitted.residual + fitted.projected(change)
+    drop = 0.5 * float(fitted.residual @ fitted.residual - after @ after)
+    # the weak priors of the fitted parameters and nodes stand beside the residuals
+    assert drop == pytest.approx(change.drop, rel=0.05)
+
+
+def test_the_leak_follows_the_measured_defect_and_a_spring_does_not():
+    chosen = [CATALOGUE[name] for name in ("leakage_internal", "load_spring")]
+    leak, spring = defect_shapes(base_fit("leakage_internal"), chosen, tuple(CATALOGUE))
+    assert (leak.effect, leak.unit) == ("leakage_internal", "Pa/s") and leak.equation in ("pressure_1", "pressure_2")
+    assert leak.at.size == leak.measured.size == leak.taken.size and np.all(np.diff(leak.at) > 0)
+    assert np.corrcoef(leak.measured, leak.taken)[0, 1] > 0.8
+    assert leak.share > 0.25 > 0.1 > spring.share

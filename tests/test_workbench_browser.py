@@ -52,6 +52,15 @@ def test_the_data_are_seen_and_a_key_changes_the_view(window):
     window.fits("data")
 
 
+def test_the_role_of_a_run_is_chosen_with_the_mouse(window):
+    for word, kept in (("not used", "unused"), ("train", "train")):
+        window.driver.find_element(CSS, '[aria-label="role of train_3.csv"]').click()
+        window.pick(word)
+        settings = window.site.folder / "workbench.json"
+        window.wait(lambda: settings.exists() and json.loads(settings.read_text())["roles"]["train_3.csv"] == kept, 20, word)  # noqa: B023
+    window.wait(lambda: not window.text("status"), 60, "the reader")
+
+
 @pytest.mark.parametrize(
     ("view", "hint"),
     [
@@ -97,10 +106,8 @@ def test_columns_of_other_names_are_mapped_with_the_file_in_view(window, tmp_pat
     window.quiet()
     window.picture("columns", NARROW, "light")
     assert window.misfits() == []
-    pick = window.driver.find_element(CSS, '[aria-label="column of x"]')
-    pick.click()
-    option = "[...document.querySelectorAll('.q-menu .q-item')].find(item => item.innerText.trim() === 'weg')"
-    window.wait(lambda: window.driver.execute_script(f"const o = {option}; if (o) o.click(); return !!o"), what="weg")
+    window.driver.find_element(CSS, '[aria-label="column of x"]').click()
+    window.pick("weg")
     window.press("save-columns")
     window.wait(lambda: 'x = {column = "weg"}' in (window.site.folder / "rig.toml").read_text(), what="the mapping")
     window.wait(lambda: window.plotted("run-plot"), what="the run by its new names")

@@ -176,6 +176,11 @@ class Window:
                 time.sleep(0.1)
         raise AssertionError(f"waited for {what}; job: {self.text('job')!r}")
 
+    def pick(self, words: str) -> None:
+        """Choose from the menu that was opened."""
+        option = f"[...document.querySelectorAll('.q-menu .q-item')].find(item => item.innerText.trim() === '{words}')"
+        self.wait(lambda: self.driver.execute_script(f"const o = {option}; if (o) o.click(); return !!o"), 20, words)
+
     def go(self, view: str, shows: str) -> None:
         self.press(f"tab-{view}")
         self.wait(lambda: bool(self.find(shows)), what=shows)

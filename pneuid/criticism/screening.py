@@ -55,7 +55,7 @@ class Score:
 
 
 @dataclass(frozen=True)
-class _Change:
+class Change:
     """What one effect's best step does.
 
     raw : change of the stacked residuals; base : its inner products with the fitted columns (parameters and nodes).
@@ -81,8 +81,8 @@ def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list
     ]
     if not chosen:
         return []
-    fitted = _Fitted(fit)
-    changes = [change for batch in _batches(fit.plant, chosen) for change in _screened(fitted, batch, order)]
+    fitted = Fitted(fit)
+    changes = screened(fitted, chosen, order)
     groups = _groups(fitted, changes)
     found = [
         Score(change.effect, change.drop, float(change.drop / max(fit.relaxed_cost, 1e-12)), len(change.start),
@@ -92,7 +92,12 @@ def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list
     return sorted(found, key=lambda score: -score.drop)
 
 
-class _Fitted:
+def screened(fitted: Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> list[Change]:
+    """Predicted changes by every effect, in batches that share a compiled plant."""
+    return [change for batch in _batches(fitted.fit.plant, chosen) for change in _screened(fitted, batch, order)]
+
+
+class Fitted:
     """What was fitted: residuals, their Jacobian and a solver for the Hessian of the free variables.
 
     Residuals are stacked: weighted outputs of every interval, sample by sample, then the defects in units of their
@@ -147,6 +152,17 @@ class _Fitted:
         found = np.concatenate([blocks[:, : problem.nq].sum(axis=0), nodes.reshape(-1, k)])
         return np.asarray(found[self.free])
 
+    def projected(self, change: Change) -> np.ndarray:
+        """The stacked change orthogonal to the fitted parameters and nodes: what is left of it once they have followed."""
+        problem = self.fit.problem
+        follow = np.zeros(problem.size)
+        follow[self.free] = -self.solver.solve(change.base)
+        nodes = follow[problem.nq :].reshape(problem.nint, problem.ns)
+        local = np.hstack([np.tile(follow[: problem.nq], (problem.nint, 1)), nodes])
+        rows = np.einsum("ikw,iw->ik", self.rows, local)
+        ends = np.einsum("ikw,iw->ik", self.ends, local[problem.linked]) - nodes[problem.linked + 1] / problem.relaxation
+        return np.asarray(change.raw + np.concatenate([rows.ravel(), ends.ravel()]))
+
 
 def _batches(plant: Plant, chosen: Sequence[Effect]) -> Iterator[list[Effect]]:
     """The candidates in their order, a few amplitudes and states at a time."""
@@ -168,7 +184,7 @@ def _amplitudes(plant: Plant, effect: Effect) -> list[Parameter]:
     return [item for item in effect.parameters(plant.rig, plant.law) if item.off is not None]
 
 
-def _screened(fitted: _Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> list[_Change]:
+def _screened(fitted: Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> list[Change]:
     """Predicted changes by the effects of one batch."""
     old = fitted.fit.plant
     position = {name: i for i, name in enumerate(order)}
@@ -202,7 +218,7 @@ def _screened(fitted: _Fitted, chosen: Sequence[Effect], order: Sequence[str]) -
         q[rows] = np.clip(at[rows] + step, scaling.lower[rows], scaling.upper[rows])
         start = {amplitudes[j].name: float(scaling.to_values(q)[j]) for j in rows}
         drop = float(max(0.0, -(g[rows] @ step + 0.5 * step @ M[np.ix_(rows, rows)] @ step)))
-        found.append(_Change(effect, drop, start, columns[:, rows] @ step, cross[:, rows] @ step))
+        found.append(Change(effect, drop, start, columns[:, rows] @ step, cross[:, rows] @ step))
     return found
 
 
@@ -214,7 +230,7 @@ def _prior(item: Parameter) -> tuple[float, float]:
     return 1.0 / (item.prior if item.positive else item.prior / item.scale), centre
 
 
-def _groups(fitted: _Fitted, changes: Sequence[_Change]) -> dict[str, tuple[str, ...]]:
+def _groups(fitted: Fitted, changes: Sequence[Change]) -> dict[str, tuple[str, ...]]:
     """For every leading effect those whose predicted changes are collinear with its own, orthogonal to what is fitted."""
     groups: dict[str, tuple[str, ...]] = {change.effect.name: () for change in changes}
     least = max(TELLABLE, LEADING * max(change.drop for change in changes))
@@ -233,7 +249,7 @@ def _groups(fitted: _Fitted, changes: Sequence[_Change]) -> dict[str, tuple[str,
     return groups
 
 
-def _rolled_out(fitted: _Fitted, plant: Plant, values: dict[str, float]) -> np.ndarray:
+def _rolled_out(fitted: Fitted, plant: Plant, values: dict[str, float]) -> np.ndarray:
     """Nodes of ``plant``: the fitted states, and the candidates' own filled in by following the fitted trajectory."""
     problem = fitted.fit.problem
     nodes = np.zeros((len(plant.states), problem.nint))

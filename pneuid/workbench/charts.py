@@ -161,6 +161,41 @@ def _evidence(item: Mapping[str, Any]) -> str:
     return ", ".join(words)
 
 
+def shape_chart(item: Mapping[str, Any], ink: Ink) -> Figure:
+    """The measured defect in bins with two standard errors, and what an effect at its screened size takes of it."""
+    layout = base_layout(ink, f"shape {item['effect']}")
+    layout["margin"] |= {"t": 30, "r": 10}
+    layout["xaxis"] = axis_style(ink, item["x_label"])
+    layout["yaxis"] = axis_style(ink, item["y_label"]) | {"zeroline": True, "zerolinecolor": "#8c8c8c"}
+    layout["hovermode"] = "x"
+    data = [
+        {"type": "scatter", "mode": "markers", "name": "measured", "x": item["at"], "y": item["measured"],
+         "marker": {"color": ink.measured, "size": 7},
+         "error_y": {"type": "data", "array": [2 * value for value in item["spread"]], "thickness": 1, "width": 3}},
+        {"type": "scatter", "mode": "lines", "name": item["effect"], "x": item["at"], "y": item["taken"],
+         "line": {"color": ink.simulated, "width": 2.5}},
+    ]  # fmt: skip
+    return _figure(data, layout)
+
+
+def unknown_chart(item: Mapping[str, Any], ink: Ink) -> Figure:
+    """An unknown function with two standard errors either side."""
+    layout = base_layout(ink, "unknown function")
+    layout["margin"] |= {"t": 30, "r": 10}
+    layout["xaxis"] = axis_style(ink, item["x_label"])
+    layout["yaxis"] = axis_style(ink, item["y_label"]) | {"zeroline": True, "zerolinecolor": "#8c8c8c"}
+    layout["hovermode"] = "x"
+    low, high = ([value + side * 2 * std for value, std in zip(item["value"], item["std"], strict=True)] for side in (-1, 1))
+    edge: dict[str, Any] = {"type": "scatter", "mode": "lines", "x": item["at"], "line": {"width": 0}, "hoverinfo": "skip"}
+    data = [
+        edge | {"y": low, "showlegend": False},
+        edge | {"y": high, "fill": "tonexty", "fillcolor": "rgba(140,140,140,0.3)", "name": "two standard errors"},
+        {"type": "scatter", "mode": "lines", "name": "unknown function", "x": item["at"], "y": item["value"],
+         "line": {"color": ink.simulated, "width": 2.5}},
+    ]  # fmt: skip
+    return _figure(data, layout)
+
+
 def rung_errors(rungs: Sequence[Mapping[str, Any]]) -> list[dict[str, float]]:
     """Held-out (else training) error of every rung per signal, in noise floors of the last accepted rung."""
     accepted = [rung for rung in rungs if rung["accepted"]] or list(rungs)

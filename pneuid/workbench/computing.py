@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +42,7 @@ from pneuid.workbench.payload import (
 from pneuid.workbench.project import write
 from pneuid.workbench.regions import region_mask
 from pneuid.workbench.request import FitRequest
+from pneuid.workbench.shapes import SHAPES, shapes_of
 
 Report = Callable[[str, int, float], None]
 Say = Callable[[str], None]
@@ -131,17 +133,39 @@ def compare(folder: Path, name: str, train: Sequence[str], held: Sequence[str], 
 
 def diagnose(folder: Path, name: str, train: Sequence[str], held: Sequence[str], monitor: Report, say: Say) -> str:
     """Diagnose a model of the project; the folder of diagnosis.json. Raises ``UserError``."""
-    model = _model(folder, name)
-    rig = model.content.rig
-    if model.fitted is None:
-        say("fitting the model again on its relaxed problem")
-    runs = _read(folder, train, rig), _read(folder, held, rig)
-    found = api.diagnose(model, runs[0], runs[1], monitor, say)
+    model = _fitted(folder, name, train, monitor, say)
+    say("screening every effect of the catalogue")
+    found = api.diagnose(model, _read(folder, train, model.content.rig), _read(folder, held, model.content.rig), monitor, say)
     target = _free_folder(folder, f"{name}_diagnosed")
     content = {**found.diagnosis.to_dict(), "rungs": to_json(found.rungs), "model": name}
     with _result_folder(target) as part:
         write(part / "diagnosis.json", json.dumps(content, indent=1, allow_nan=False))
+        _write_shapes(part, model, content, say)
     return target.name
+
+
+def draw_shapes(folder: Path, name: str, train: Sequence[str], diagnosed: str, monitor: Report, say: Say) -> None:
+    """Write the shapes of a diagnosis that a command has made of model ``name``. Raises ``UserError``."""
+    content = json.loads((folder / diagnosed / "diagnosis.json").read_text(encoding="utf-8"))
+    _write_shapes(folder / diagnosed, _fitted(folder, name, train, monitor, say), content, say)
+
+
+def _write_shapes(target: Path, model: api.IdentifiedModel, diagnosis: dict[str, Any], say: Say) -> None:
+    say("laying the leading effects over the measured defect")
+    if model.fitted is not None:
+        write(target / SHAPES, json.dumps(shapes_of(model.fitted, diagnosis), allow_nan=False))
+
+
+def _fitted(folder: Path, name: str, train: Sequence[str], monitor: Report, say: Say) -> api.IdentifiedModel:
+    """A model of the project with the fit behind it on these runs, made again where this process has not made it."""
+    model = _model(folder, name)
+    runs = _read(folder, train, model.content.rig)
+    if model.fitted is None or [run.recording.sha256 for run in model.fitted.runs] != [run.sha256 for run in runs]:
+        say("fitting the model again on its relaxed problem")
+        content = model.content
+        model = api.IdentifiedModel(content, api.refitted(api.IdentifiedModel(content), runs, monitor))
+        _known[str(folder / name)] = model
+    return model
 
 
 def parameters(folder: Path, effects: Sequence[str], friction: str | None) -> list[ParameterRow]:

@@ -30,7 +30,8 @@ CSS = """
 body.body--dark { --ink:#e6e9ed; --soft:#a9b3be; --line:#3a424b; --panel:#1b2026; --ground:#12161a; }
 body { background:var(--ground); color:var(--ink); font-size:15px; }
 .nicegui-content { padding:0; gap:0; }
-.bar { background:var(--panel); border-bottom:1px solid var(--line); color:var(--ink); }
+.bar { background:var(--panel); border-bottom:1px solid var(--line); color:var(--ink);
+  position:sticky; top:0; z-index:20; }
 .panel { background:var(--panel); border:1px solid var(--line); border-radius:6px; padding:12px 14px; }
 .soft { color:var(--soft); font-size:14px; }
 .head { font-weight:600; font-size:16px; }

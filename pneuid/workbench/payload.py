@@ -16,9 +16,9 @@ class Channel:
     values: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RunData:
-    """A recording as it is shown: t (N,) in s; ``preview`` when thinned and not yet checked as a whole."""
+    """A recording as it is shown: t (N,) in s; ``preview`` when thinned and not yet checked. Equal to itself alone."""
 
     name: str
     t: np.ndarray

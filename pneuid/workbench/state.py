@@ -340,6 +340,12 @@ class Workbench:
 
         self._long(f"diagnose {self.model}", "diagnose", self._on_runs(), ("monitor", "say"), diagnosed)
 
+    def draw_shapes(self, diagnosed: str) -> None:
+        """Lay the leading effects of a diagnosis over the defect that its model leaves. Raises ``UserError``."""
+        arguments = {"folder": self.project.folder, "name": self.model, "train": self.project.of_role("train"),
+                     "diagnosed": diagnosed}  # fmt: skip
+        self._long(f"shapes of {diagnosed}", "draw_shapes", arguments, ("monitor", "say"), lambda _: self.look())
+
     def report(self) -> None:
         """Write report.html of the chosen model. Raises ``UserError``."""
 

@@ -28,25 +28,46 @@ def build(page: Any) -> None:
             follow = _rig(page)
         shown = ui.column().classes("grow gap-3").style("min-width:0")
 
+    drawn: dict[Callable[[Any], None], Any] = {}
+
     def again() -> None:
-        for box, draw in ((runs, _runs), (shown, _right)):
-            box.clear()
-            with box:
-                draw(page)
+        # what shows the same stays: a menu that is open or a plot that is being dragged would be lost
+        for box, draw, state in ((runs, _runs, _runs_state(page)), (shown, _right, _right_state(page))):
+            if drawn.get(draw) != state:
+                drawn[draw] = state
+                box.clear()
+                with box:
+                    draw(page)
         follow()
 
     again()
     page.again = again
 
 
+def _runs_state(page: Any) -> Any:
+    """What the list of runs shows."""
+    bench = page.bench
+    rows = [(run.name, run.role, _state(bench, run.name, run.size), bench.faults.get(run.name)) for run in bench.files]
+    return rows, _chosen(page)
+
+
+def _right_state(page: Any) -> Any:
+    """What the right side shows."""
+    bench, name = page.bench, _chosen(page)
+    return (tuple(bench.refused.items()), bench.doubts, name, bench.data.get(name), bench.faults.get(name),
+            bench.project.has_rig, page.ink)  # fmt: skip
+
+
 def _right(page: Any) -> None:
     bench = page.bench
     if bench.refused:
         with ui.row().classes("panel warning w-full items-start no-wrap"):
-            with ui.column().classes("grow gap-1").style("max-height:40vh;overflow-y:auto").props('data-testid="refused"'):
+            with ui.column().classes("grow gap-1"):
                 ui.label("Refused, and not in the project").classes("head")
-                for name, message in bench.refused.items():
-                    ui.label(message if name in message else f"{name}: {message}")
+                lines = ui.column().classes("w-full gap-1").style("max-height:40vh;overflow-y:auto")
+                with lines.props('data-testid="refused"'):
+                    for name, message in bench.refused.items():
+                        ui.label(message if name in message else f"{name}: {message}")
             ui.button(icon="close", on_click=lambda: _dismiss(page)).props('flat dense round aria-label="dismiss"')
     if bench.doubts:
         words = f"Look at this first: {len(bench.doubts)} doubt{'s' * (len(bench.doubts) > 1)} about the recordings"
@@ -85,9 +106,10 @@ def _runs(page: Any) -> None:
                     label = ui.label(_state(bench, run.name, run.size)).classes("ellipsis soft")
                     if fault:
                         label.style("color:#d55e00").tooltip(fault)
-                role = ui.select(_ROLES, value=run.role, on_change=lambda e, name=run.name: _role(page, name, e.value))
-                role.props(f'dense borderless options-dense aria-label="role of {run.name}"').style("width:92px")
-                role.on("click.stop", lambda: None)
+                # the row's own click stays out of it: drawing the list anew would close the menu
+                with ui.element("div").on("click", js_handler="event => event.stopPropagation()"):
+                    role = ui.select(_ROLES, value=run.role, on_change=lambda e, name=run.name: _role(page, name, e.value))
+                    role.props(f'dense borderless options-dense aria-label="role of {run.name}"').style("width:92px")
 
 
 def _state(bench: Any, name: str, size: int) -> str:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from nicegui import ui
 
 from pneuid.report.quantities import number, percent
-from pneuid.workbench.charts import ranking_chart
+from pneuid.workbench.charts import ranking_chart, shape_chart, unknown_chart
 from pneuid.workbench.look import NEUTRAL
 from pneuid.workbench.payload import SignatureView
 from pneuid.workbench.traces import Line, Row, stack
@@ -54,7 +54,8 @@ def _diagnosis(page: Any, folder: str, found: Mapping[str, Any], running: bool) 
         text.tooltip(f"{folder}/diagnosis.json")
         for sentence in found.get("sentences", ()):
             ui.label(sentence).classes("soft")
-        _unknown(found)
+    shapes = page.bench.project.result(folder, "shapes.json") or {}
+    _unknown(page, folder, found, shapes.get("unknown"), running)
     for name in found["effects"]:
         _card(page, folder, name, running)
     with ui.column().classes("panel w-full gap-1"):
@@ -62,16 +63,57 @@ def _diagnosis(page: Any, folder: str, found: Mapping[str, Any], running: bool) 
         rows = min(len(found["ranking"]), 12)
         chart(ranking_chart(found, page.ink), f"{100 + 32 * rows}px", "ranking")
         _groups(found)
+    _over_defect(page, folder, found, shapes.get("shapes"), running)
     _next_experiment(page, found)
 
 
-def _unknown(found: Mapping[str, Any]) -> None:
+def _unknown(
+    page: Any, folder: str, found: Mapping[str, Any], curve: Mapping[str, Any] | None, running: bool
+) -> None:
+    """The rest that the catalogue does not explain, and what can be added for it."""
     rest = found.get("unknown")
-    if rest:
-        where = ", ".join(rest["depends_on"]) or "no signal in particular"
+    if not rest:
+        return
+    where = ", ".join(rest["depends_on"]) or "no signal in particular"
+    with ui.column().classes("panel w-full gap-2"):
+        ui.label(f"Unexplained: {number(rest['rms'])} {rest['unit']} rms in equation {rest['equation']}, follows {where}")
+        if curve is not None:
+            chart(unknown_chart(curve, page.ink), "300px", "unknown")
+        with ui.row().classes("w-full gap-2"):
+            for words, names in (("a smooth function", rest.get("effect")), ("the formula", rest.get("formula_effect"))):
+                if names:
+                    _add_button(page, tuple(names.split()), folder, f"Add {words}: {names}", running)
+        if rest.get("formula"):
+            error = f" within {percent(rest['formula_error'])} of its size" if rest.get("formula_error") is not None else ""
+            ui.label(f"Its shape is {rest['formula']}{error}.").classes("soft")
+
+
+def _over_defect(
+    page: Any, folder: str, found: Mapping[str, Any], shapes: Sequence[Mapping[str, Any]] | None, running: bool
+) -> None:
+    """Leading candidates laid over what the balances of the model leave."""
+    bench = page.bench
+    if shapes is None and (not bench.model or found.get("model", bench.model) != bench.model or not found["ranking"]):
+        return
+    with ui.column().classes("panel w-full gap-1").props('data-testid="over-defect"'):
+        ui.label("Candidates over the measured defect").classes("head")
+        if shapes is None:
+            button = ui.button("Draw", icon="show_chart", on_click=lambda: page.attempt(bench.draw_shapes, folder))
+            button.props('no-caps data-testid="draw-shapes"').set_enabled(not running)
+            return
         ui.label(
-            f"Unexplained: {number(rest['rms'])} {rest['unit']} rms in equation {rest['equation']}, follows {where}"
-        )
+            "Dots: what the balance leaves between intervals of the relaxed fit, which shows a missing term at a part of its "
+            "size. Line: what the effect takes of it at its screened size, over the signal that it follows most."
+        ).classes("soft")
+        with ui.grid(columns=2).classes("w-full gap-3"):
+            for item in shapes:
+                with ui.column().classes("gap-0").style("min-width:0"):
+                    ui.label(f"{item['effect']}: {_taken(item['share'])}")
+                    chart(shape_chart(item, page.ink), "290px", f"shape-{item['effect']}")
+
+
+def _taken(share: float) -> str:
+    return f"takes {percent(share)} of the squared defect" if share > 0.005 else "takes nothing of the defect"
 
 
 def _card(page: Any, folder: str, name: str, running: bool) -> None:
@@ -83,11 +125,7 @@ def _card(page: Any, folder: str, name: str, running: bool) -> None:
             if card is not None:
                 ui.label(card.mechanism)
                 ui.label(f"enters {card.equation}; revealed by: {card.experiment}; {card.reference}").classes("soft")
-        present = name in (bench.project.result(bench.model, "model.json") or {}).get("effects", ())
-        label = "in the model" if present else f"Add {name}"
-        button = ui.button(label, icon="check" if present else "add", on_click=lambda: _add(page, name, folder))
-        button.props(f'no-caps data-testid="add-{name}"').classes("shrink-0")
-        button.set_enabled(bool(bench.model) and not present and not running)
+        _add_button(page, (name,), folder, f"Add {name}", running)
         if card is not None:
             _signature(page, name)
 
@@ -137,10 +175,19 @@ def _responses(page: Any, found: SignatureView | None) -> None:
     chart(figure, f"{90 + 62 * len(rows)}px", f"signature-{found.effect}")
 
 
-def _add(page: Any, name: str, folder: str) -> None:
-    """Fit again with the effect, and show it happen."""
-    if page.attempt(page.bench.fit, (name,), page.bench.model, folder):
-        page.show("fit")
+def _add_button(page: Any, names: tuple[str, ...], folder: str, label: str, running: bool) -> None:
+    """Fits again with these effects, and shows it happen."""
+    bench = page.bench
+    present = set(names) <= set((bench.project.result(bench.model, "model.json") or {}).get("effects", ()))
+
+    def add() -> None:
+        if page.attempt(bench.fit, names, bench.model, folder):
+            page.show("fit")
+
+    words, icon = (f"{', '.join(names)}: in the model", "check") if present else (label, "add")
+    button = ui.button(words, icon=icon, on_click=add)
+    button.props(f'no-caps data-testid="add-{" ".join(names)}"').classes("shrink-0")
+    button.set_enabled(bool(bench.model) and not present and not running)
 
 
 def _groups(found: Mapping[str, Any]) -> None:
