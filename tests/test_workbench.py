@@ -133,7 +133,7 @@ def bench(tmp_path, monkeypatch):
     from pneuid.workbench.state import Workbench
     from pneuid.workbench.worker import Task
 
-    def submit(self, title, module, name, arguments, live=(), then=None, otherwise=None, first=False):
+    def submit(self, title, module, name, arguments, live=(), then=None, otherwise=None, first=False, **_):
         return Job(title, Task(0, module, name, arguments, live), then, otherwise)
 
     monkeypatch.setattr(Worker, "submit", submit)
@@ -435,3 +435,44 @@ def test_jobs_run_in_order_and_a_stuck_one_is_ended():
         assert "TypeError" in results[0] and results[1:] == [3]
     finally:
         worker.stop()
+
+
+# --- a library that dies of a file ---
+
+
+def test_a_file_that_kills_or_holds_its_reader_costs_nothing_but_itself(tmp_path, monkeypatch):
+    from pneuid.workbench import state
+    from pneuid.workbench.jobs import Worker
+
+    monkeypatch.setattr(state, "READ_SECONDS", 3.0)
+    project = demo_project(tmp_path / "demo")
+    for name in ("train_2.csv", "train_3.csv", "hold_out_1.csv", "hold_out_2.csv"):
+        (project.folder / name).unlink()
+    for name in ("dies.tdms", "hangs.mf4"):
+        (project.folder / name).write_bytes(b"damaged")
+    bench = state.Workbench(project)
+    bench.reader, bench.computer = Worker("reader", (state.READING, "deadly_reader")), Worker("computer", ())
+
+    def until_idle():
+        end = time.monotonic() + 120
+        while bench.reader.busy or bench._doubtful:
+            bench.tick()
+            assert time.monotonic() < end
+            time.sleep(0.02)
+
+    try:
+        bench.open()
+        until_idle()
+        assert bench.faults == {
+            "dies.tdms": "dies.tdms: its reader crashed; the file is damaged, or not what its ending says",
+            "hangs.mf4": "hangs.mf4: not read within 3 s; the file is damaged, or too long: cut it into several runs",
+        }  # fmt: skip
+        assert bench.data["train_1.csv"].samples == 6000
+        waiting = project.incoming("dropped.tdms")
+        waiting.write_bytes(b"damaged")
+        bench.uploaded("dropped.tdms", waiting)
+        until_idle()
+        assert bench.refused["dropped.tdms"].startswith("dropped.tdms: its reader crashed")
+        assert not waiting.exists() and not (project.folder / "dropped.tdms").exists()
+    finally:
+        bench.close()

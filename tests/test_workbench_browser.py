@@ -162,7 +162,12 @@ def test_the_story(window):
     window.wait(lambda: window.find("verdict"), PATIENCE, "the verdict")
     assert "friction_pressure" in window.text("verdict")
     window.wait(lambda: window.plotted("ranking"), what="the ranking")
+    window.wait(lambda: window.plotted("shape-friction_pressure"), what="the effect over the measured defect")
     window.fits("missing")
+    panel = """document.querySelector('[data-testid="over-defect"]').scrollIntoView({block: "end"})"""
+    window.driver.execute_script(panel)
+    window.quiet()
+    window.picture("over_defect", NARROW, "light")
     window.driver.find_element(CSS, '[data-testid="how-friction_pressure"] .q-item').click()
     window.wait(lambda: window.plotted("signature-friction_pressure"), 60, "the signature")
     window.fits("signature")
@@ -181,6 +186,30 @@ def test_the_story(window):
     # what the workbench wrote, the commands read
     rungs = json.loads((site.folder / "identify_2" / "ladder.json").read_text())
     assert [rung["added"] for rung in rungs if rung["accepted"]] == [None, "friction_pressure"]
+
+
+@pytest.mark.slow
+def test_an_unknown_function_is_drawn_and_can_be_added(window):
+    """From files as ``pneuid.diagnose`` writes them: the search itself takes long and is tested elsewhere."""
+    x = [0.1 * k for k in range(5)]
+    curve = {"effect": "spline:force(x)", "equation": "force", "signal": "x", "times": "", "unit": "N", "at": x,
+             "value": x, "std": x, "provisional": True}  # fmt: skip
+    unknown = {"equation": "force", "depends_on": ["x"], "rms": 3.0, "unit": "N", "effect": "spline:force(x)", "curve": curve,
+               "formula": "2 x", "formula_effect": "formula:force(2*x)", "formula_error": 0.1}  # fmt: skip
+    folder = window.site.folder / "later_diagnosed"
+    folder.mkdir()
+    found = {"schema": 1, "verdict": "unknown", "effects": [], "ranking": [], "unknown": unknown, "next_experiment": None,
+             "sentences": [], "model": "identify_2"}  # fmt: skip
+    shown = {"x_label": "x (mm)", "y_label": "force (N)", "at": x, "value": x, "std": x}
+    (folder / "shapes.json").write_text(json.dumps({"shapes": [], "unknown": shown}))
+    (folder / "diagnosis.json").write_text(json.dumps(found))
+    window.go("missing", "diagnose")
+    window.wait(lambda: window.plotted("unknown"), 20, "the function")
+    assert window.misfits() == []
+    assert window.find("add-formula:force(2*x)")[0].is_enabled()
+    window.begin("add-spline:force(x)", "fit with spline:force(x)")
+    window.press("cancel")
+    window.wait(lambda: "cancelled" in window.text("job"), 20, "the cancel")
 
 
 @pytest.mark.skipif(STUDY is None, reason="PNEUID_PICTURES_STUDY names no folder of a finished study")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import multiprocessing
 import queue
 import threading
@@ -18,9 +19,16 @@ CANCEL_SECONDS = 1.5
 """How long a task may take to stop by itself before its process is ended and a new one started."""
 
 
+TOO_LITTLE_MEMORY = "the computing process ended; there may be too little memory"
+
+
 @dataclass
 class Job:
-    """One task with what is known of it. ``state``: waiting, running, done, refused, failed or cancelled."""
+    """One task with what is known of it. ``state``: waiting, running, done, refused, failed or cancelled.
+
+    ``crashed`` is said where its process dies of it, ``slow`` where it has not ended ``limit`` seconds after the process,
+    which may have to import much first, took it up at ``taken``.
+    """
 
     title: str
     task: Task
@@ -32,6 +40,10 @@ class Job:
     costs: list[tuple[str, int, float]] = field(default_factory=list)
     sentences: list[tuple[float, str]] = field(default_factory=list)
     message: str = ""
+    crashed: str = TOO_LITTLE_MEMORY
+    slow: str = ""
+    limit: float = math.inf
+    taken: float = math.inf
 
     @property
     def over(self) -> bool:
@@ -95,9 +107,13 @@ class Worker:
         then: Callable[[Any], None] | None = None,
         otherwise: Callable[[str], None] | None = None,
         first: bool = False,
+        crashed: str = TOO_LITTLE_MEMORY,
+        slow: str = "",
+        limit: float = math.inf,
     ) -> Job:
         """Queue a task; ``then`` gets its result and ``otherwise`` the message, both from ``poll``."""
-        job = Job(title, Task(next(self._numbers), module, name, arguments, live), then, otherwise)
+        job = Job(title, Task(next(self._numbers), module, name, arguments, live), then, otherwise,
+                  crashed=crashed, slow=slow, limit=limit)  # fmt: skip
         if first:
             self._waiting.appendleft(job)
         else:
@@ -128,12 +144,16 @@ class Worker:
             except queue.Empty:
                 break
             if generation == self._generation:
-                changed = True
+                changed |= news is None or news.kind != "taken"
                 self._heard(news)
         if self._cancelled_at and time.monotonic() - self._cancelled_at > CANCEL_SECONDS:
             changed = True
             self._end_process()
             self._over("cancelled")
+        if self.current is not None and time.monotonic() - self.current.taken > self.current.limit:
+            changed = True
+            self._end_process()
+            self._over("failed", self.current.slow)
         return changed
 
     def _heard(self, news: News | None) -> None:
@@ -141,11 +161,13 @@ class Worker:
         if news is None:
             self._end_process()
             if job is not None:
-                self._over("failed", "the computing process ended; there may be too little memory")
+                self._over("failed", job.crashed)
             return
         if job is None or news.number != job.task.number:
             return
-        if news.kind == "iteration":
+        if news.kind == "taken":
+            job.taken = time.monotonic()
+        elif news.kind == "iteration":
             job.costs.append(news.content)
         elif news.kind == "sentence":
             job.sentences.append((job.seconds, news.content))

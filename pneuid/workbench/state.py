@@ -23,6 +23,9 @@ READING, COMPUTING = "pneuid.workbench.reading", "pneuid.workbench.computing"
 LOOK_SECONDS = 2.0
 """How often the folder is looked at for what commands have written."""
 
+READ_SECONDS, READ_SECONDS_PER_MB = 60.0, 1.0
+"""Longest time that a file may take to be read: a damaged one can hold its reader for ever."""
+
 _LARGE = 8 * 2**20
 
 Kind = Literal["positive", "negative", "warning", "info"]
@@ -65,6 +68,7 @@ class Workbench:
         self._seen: dict[str, tuple[int, int]] = {}
         self._print: Any = None
         self._looked = 0.0
+        self._doubtful = False
 
     # --- life ---
 
@@ -76,6 +80,9 @@ class Workbench:
         """Take in what the processes say; look at the folder now and then."""
         if self.reader.poll() | self.computer.poll():
             self.changed()
+        if self._doubtful and not self.reader.busy:
+            self._doubtful = False
+            self._doubt()
         if time.monotonic() - self._looked > LOOK_SECONDS:
             self.look()
 
@@ -123,8 +130,7 @@ class Workbench:
             self._seen.update(stamps)
             for run in fresh:
                 self._read(run)
-            if fresh:
-                self._doubt()
+            self._doubtful |= bool(fresh)
         models = self.project.models()
         if self.model not in models:
             self.model = models[-1] if models else ""
@@ -148,12 +154,22 @@ class Workbench:
             )
             return
         if run.size > _LARGE:
-            self.reader.submit(f"a first look at {run.name}", READING, "preview_run", arguments, then=read)
-        self.reader.submit(f"reading {run.name}", READING, "read_run", arguments, then=read, otherwise=failed)
+            self._on_file(f"a first look at {run.name}", "preview_run", arguments, then=read)
+        self._on_file(f"reading {run.name}", "read_run", arguments, then=read, otherwise=failed)
+
+    def _on_file(self, title: str, name: str, arguments: dict[str, Any], **more: Any) -> None:
+        """Have the reading process do something with one file, which may end the process, or keep it for ever."""
+        path: Path = arguments["path"]
+        limit = READ_SECONDS + READ_SECONDS_PER_MB * (path.stat().st_size / 2**20 if path.exists() else 0.0)
+        self.reader.submit(
+            title, READING, name, arguments, limit=limit, **more,
+            crashed=f"{path.name}: its reader crashed; the file is damaged, or not what its ending says",
+            slow=f"{path.name}: not read within {limit:.0f} s; the file is damaged, or too long: cut it into several runs",
+        )  # fmt: skip
 
     def _doubt(self) -> None:
-        """Have the runs in use looked at together, the very large ones apart."""
-        used = [run for run in self.files if run.role != "unused" and run.size < _LARGE]
+        """Have the usable runs looked at together, the very large ones apart."""
+        used = [run for run in self.files if run.role != "unused" and run.size < _LARGE and run.name in self.data]
         paths = [self.project.path(run.name) for run in used]
         arguments = {"paths": paths, "rig_text": self.project.rig_text()}
 
@@ -231,14 +247,8 @@ class Workbench:
             waiting.unlink(missing_ok=True)
             self.refuse(name, self._short(message))
 
-        self.reader.submit(
-            f"checking {name}",
-            READING,
-            "check_upload",
-            {"path": waiting, "rig_text": rig},
-            then=checked,
-            otherwise=failed,
-        )
+        arguments = {"path": waiting, "rig_text": rig}
+        self._on_file(f"checking {name}", "check_upload", arguments, then=checked, otherwise=failed)
 
     def refuse(self, name: str, message: str) -> None:
         """Keep why an upload was refused until it is read."""
@@ -254,9 +264,7 @@ class Workbench:
             self.head = head
 
         arguments = {"path": self.project.path(name), "rig_text": rig, "layout": layout}
-        self.reader.submit(
-            f"the head of {name}", READING, "raw_head", arguments, then=found, otherwise=self._complain, first=True
-        )
+        self._on_file(f"the head of {name}", "raw_head", arguments, then=found, otherwise=self._complain, first=True)
 
     def save_rig(self, text: str) -> None:
         """Check rig.toml and write it where it can be used."""

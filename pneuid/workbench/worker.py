@@ -28,7 +28,10 @@ class Task:
 
 @dataclass(frozen=True)
 class News:
-    """What a process says of task ``number``: ``iteration``, ``sentence``, ``done``, ``refused``, ``failed``, ``cancelled``."""
+    """What a process says of task ``number``.
+
+    ``kind``: ``taken``, ``iteration``, ``sentence``, ``done``, ``refused``, ``failed`` or ``cancelled``.
+    """
 
     number: int
     kind: str
@@ -48,6 +51,7 @@ def run_worker(pipe: Connection, cancel: Event, modules: tuple[str, ...]) -> Non
         except (EOFError, OSError):
             return
         cancel.clear()
+        pipe.send(News(task.number, "taken"))
         pipe.send(_performed(task, pipe.send, cancel))
 
 
