@@ -30,6 +30,7 @@ from pneuid.report.friction_figure import friction_curve, steady_resistance
 from pneuid.report.html import Items, Paragraph, Picture, Section, Table, page, write_report
 from pneuid.report.reports import compare_report, diagnose_report, identify_report
 from pneuid.report.signal_figures import errors_bar, overlay, residual_map, role_word, telling_run, worst_span
+from pneuid.report.signal_units import ErrorUnit, error_unit, shown
 from pneuid.rig import Rig
 
 SERVO = {
@@ -213,10 +214,10 @@ def test_a_figure_is_the_same_bytes_each_time(servo):
 def test_pressures_are_shown_gauge(servo):
     labels = [axes.get_ylabel() for axes in overlay(servo).axes]
     assert "p₁ (kPa gauge)" in labels and "x (mm)" in labels
-    assert style.shown("p1", PATM + 3e5, PATM) == pytest.approx(300.0)
-    assert style.shown("x", 0.25, PATM) == pytest.approx(250.0)
-    assert style.error_unit("x", 2e-5) == style.ErrorUnit("µm", 1e6)
-    assert style.error_unit("p1", 4e3).unit == "kPa" and style.error_unit("F", 1.0).unit == "N"
+    assert shown("p1", PATM + 3e5, PATM) == pytest.approx(300.0)
+    assert shown("x", 0.25, PATM) == pytest.approx(250.0)
+    assert error_unit("x", 2e-5) == ErrorUnit("µm", 1e6)
+    assert error_unit("p1", 4e3).unit == "kPa" and error_unit("F", 1.0).unit == "N"
 
 
 def test_the_most_telling_run_is_a_held_out_one_and_its_worst_second_is_shown(servo):

@@ -437,6 +437,26 @@ def test_jobs_run_in_order_and_a_stuck_one_is_ended():
         worker.stop()
 
 
+# --- the first second ---
+
+
+def test_the_page_and_the_reader_start_without_what_they_do_not_use():
+    """In processes of their own: what is imported late must not have been imported by another test."""
+    import subprocess
+    import sys
+
+    def missing(code: str, names: tuple[str, ...]) -> str:
+        found = f"import sys; {code}; print(sorted(set({names!r}) & set(sys.modules)))"
+        return subprocess.run([sys.executable, "-c", found], capture_output=True, text=True, check=True).stdout.strip()
+
+    page = "from pneuid.workbench.quick import import_nicegui; import_nicegui(); import pneuid.workbench.server"
+    heavy = ("matplotlib", "scipy.signal", "casadi")
+    assert missing(page, (*heavy, "pandas", "pint", "requests", "aiohttp", "websocket")) == "[]"
+    assert missing("import pneuid.workbench.reading", heavy) == "[]"
+    # hidden for the moment of the import alone
+    assert missing(f"{page}; import requests", ("requests",)) == "['requests']"
+
+
 # --- a library that dies of a file ---
 
 

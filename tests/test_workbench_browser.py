@@ -168,6 +168,7 @@ def test_the_story(window):
     window.driver.execute_script(panel)
     window.quiet()
     window.picture("over_defect", NARROW, "light")
+    window.driver.execute_script("scrollTo(0, 0)")
     window.driver.find_element(CSS, '[data-testid="how-friction_pressure"] .q-item').click()
     window.wait(lambda: window.plotted("signature-friction_pressure"), 60, "the signature")
     window.fits("signature")

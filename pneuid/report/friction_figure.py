@@ -20,7 +20,8 @@ from pneuid.physics.motion import GRAVITY, pressure_force
 from pneuid.physics.smoothing import absolute
 from pneuid.report import style
 from pneuid.report.quantities import fixed
-from pneuid.report.style import axis_label, new_figure, shown, styled, ticks
+from pneuid.report.signal_units import axis_label, shown
+from pneuid.report.style import new_figure, styled, ticks
 
 LEAST_SPREAD = 20.0e3
 """Mean chamber pressures closer together than this are one condition, Pa."""

@@ -20,7 +20,8 @@ from pneuid.model import Model
 from pneuid.physics.motion import pressure_force
 from pneuid.report import style
 from pneuid.report.signal_figures import role_word
-from pneuid.report.style import axis_label, new_figure, plain, shown, styled, thinned, ticks
+from pneuid.report.signal_units import axis_label, shown
+from pneuid.report.style import new_figure, plain, styled, thinned, ticks
 
 MOST_LOOPS = 6
 """Runs with a panel of their own; more are left out, those of least travel first."""

@@ -36,7 +36,7 @@ from pneuid.report.signal_figures import (
     telling_run,
     worst_span,
 )
-from pneuid.report.style import error_unit
+from pneuid.report.signal_units import error_unit
 
 NOISE_LIKE = 1.15
 """Error over noise floor up to which a signal counts as predicted down to the noise."""

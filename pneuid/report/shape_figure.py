@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 from pneuid.estimation.curves import Curve
 from pneuid.report import style
 from pneuid.report.quantities import handy
-from pneuid.report.style import axis_label, new_figure, shown, styled
+from pneuid.report.signal_units import axis_label, shown
+from pneuid.report.style import new_figure, styled
 
 _RELATIVE = {"dp": ("p1 - p2 (kPa)", 1e-3), "t": ("time (s)", 1.0)}
 """Signals that are not recorded ones: label and factor from SI."""

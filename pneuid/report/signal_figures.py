@@ -13,18 +13,8 @@ from pneuid.criticism.prediction import AHEAD_SECONDS, Prediction
 from pneuid.plant import Plant
 from pneuid.report import style
 from pneuid.report.quantities import number, times
-from pneuid.report.style import (
-    axis_label,
-    error_unit,
-    new_figure,
-    plain,
-    plain_log,
-    quiet_grid,
-    shown,
-    styled,
-    thinned,
-    ticks,
-)
+from pneuid.report.signal_units import axis_label, error_unit, shown
+from pneuid.report.style import new_figure, plain, plain_log, quiet_grid, styled, thinned, ticks
 from pneuid.signals import PRESSURES, SIGNALS
 
 MAP_POINTS = 6000

@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 
 from pneuid.criticism.signature import Signature
 from pneuid.report import style
-from pneuid.report.style import axis_label, error_unit, new_figure, plain, shown, styled, ticks
+from pneuid.report.signal_units import axis_label, error_unit, shown
+from pneuid.report.style import new_figure, plain, styled, ticks
 from pneuid.signals import SIGNALS
 
 

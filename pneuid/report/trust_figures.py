@@ -19,7 +19,8 @@ from pneuid.criticism.trust import NORMAL_95, STRONG, trust
 from pneuid.model import Model
 from pneuid.report import style
 from pneuid.report.quantities import fixed, handy
-from pneuid.report.style import axis_label, new_figure, plain, shown, styled, ticks
+from pneuid.report.signal_units import axis_label, shown
+from pneuid.report.style import new_figure, plain, styled, ticks
 
 _DIVERGING = LinearSegmentedColormap.from_list("correlation", ["#b35806", "#fdb863", "#ffffff", "#80b1d3", "#08519c"])
 """Orange through white to blue: told apart under every common colour blindness, equal in grey at equal strength."""

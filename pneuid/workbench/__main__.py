@@ -11,6 +11,7 @@ from pathlib import Path
 from pneuid.errors import UserError
 from pneuid.terminal import DEMO_ROOT, CommandParser, run_command
 from pneuid.workbench.project import Project, demo_project
+from pneuid.workbench.quick import import_nicegui
 from pneuid.workbench.security import LARGEST_RUN, LARGEST_UPLOAD
 from pneuid.workbench.state import Workbench
 
@@ -53,6 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         # it imports what reading needs while this process imports what the page needs
         bench.reader.start()
+        import_nicegui()
         from pneuid.workbench.server import free_port, serve  # noqa: PLC0415 - the extra, and a second of imports
 
         port = free_port(given.port)

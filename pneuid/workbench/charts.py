@@ -164,7 +164,7 @@ def _evidence(item: Mapping[str, Any]) -> str:
 def shape_chart(item: Mapping[str, Any], ink: Ink) -> Figure:
     """The measured defect in bins with two standard errors, and what an effect at its screened size takes of it."""
     layout = base_layout(ink, f"shape {item['effect']}")
-    layout["margin"] |= {"t": 30, "r": 10}
+    layout["margin"] |= {"l": 92, "t": 30, "r": 10}
     layout["xaxis"] = axis_style(ink, item["x_label"])
     layout["yaxis"] = axis_style(ink, item["y_label"]) | {"zeroline": True, "zerolinecolor": "#8c8c8c"}
     layout["hovermode"] = "x"

@@ -23,6 +23,7 @@ from pneuid.physics.friction import LAWS
 from pneuid.recording import Recording
 from pneuid.report import style
 from pneuid.report.signal_figures import errors_of, telling_run
+from pneuid.report.signal_units import axis_label, error_unit, shown
 from pneuid.report.summary import metrics_json
 from pneuid.rig import Rig
 from pneuid.signals import SIGNALS
@@ -199,14 +200,14 @@ def signature_view(folder: Path, name: str) -> SignatureView | None:
     rows = []
     for signal, without in found.without.items():
         change = found.with_it[signal] - without
-        unit = style.error_unit(signal, float(np.nanmax(np.abs(change))))
+        unit = error_unit(signal, float(np.nanmax(np.abs(change))))
         rows.append(SignatureRow(
-            style.axis_label(signal), shown_as(signal, without, rig.patm), shown_as(signal, found.with_it[signal], rig.patm),
+            axis_label(signal), shown_as(signal, without, rig.patm), shown_as(signal, found.with_it[signal], rig.patm),
             f"Δ{SIGNALS[signal].symbol} ({unit.unit})", change * unit.factor,
             style.FLOOR_BAND * found.noise[signal] * unit.factor,
         ))  # fmt: skip
     signal, course = found.command
-    command = Channel(style.axis_label(signal), shown_as(signal, course, rig.patm))
+    command = Channel(axis_label(signal), shown_as(signal, course, rig.patm))
     return SignatureView(name, found.experiment, found.t, command, tuple(rows))
 
 
@@ -248,12 +249,12 @@ def _signal_view(ahead: Prediction, free: Prediction | None, i: int, patm: float
     run = ahead.run
     signal = run.outputs[i]
     error = _whole(run.n, ahead.index, ahead.error[i])
-    unit = style.error_unit(signal, float(np.nanmax(np.abs(error))) if np.isfinite(error).any() else floor)
+    unit = error_unit(signal, float(np.nanmax(np.abs(error))) if np.isfinite(error).any() else floor)
     weight = run.weight(signal)
     measured = np.where(weight > 0, shown_as(signal, run.measured(signal), patm), np.nan)
     band = style.FLOOR_BAND * floor * unit.factor
     return SignalView(
-        label=style.axis_label(signal), measured=measured.astype(np.float32),
+        label=axis_label(signal), measured=measured.astype(np.float32),
         ahead=_whole(run.n, ahead.index, shown_as(signal, ahead.predicted[i], patm)),
         free=None if free is None else _whole(run.n, free.index, shown_as(signal, free.predicted[i], patm)),
         error_label=f"{SIGNALS[signal].symbol} error ({unit.unit})", error=error * np.float32(unit.factor),
@@ -264,7 +265,7 @@ def _signal_view(ahead: Prediction, free: Prediction | None, i: int, patm: float
 def shown_as(signal: str, values: np.ndarray, patm: float) -> np.ndarray:
     """Values in display units, NaN where a prediction left every scale."""
     with np.errstate(invalid="ignore", over="ignore"):
-        found = np.asarray(style.shown(signal, values, patm), dtype=float)
+        found = np.asarray(shown(signal, values, patm), dtype=float)
         return np.where(np.abs(found) < 1e9, found, np.nan)
 
 
@@ -281,7 +282,7 @@ def _features(item: Prediction, patm: float) -> dict[str, Channel]:
     found |= {name: run.recording.signals[name] for name in ("p1", "p2") if name in run.recording.signals}
     found |= {name: run.input(name) for name in ("psup", "u") if name in run.inputs}
     return {
-        name: Channel(style.axis_label(name), np.asarray(style.shown(name, values, patm), dtype=np.float32))
+        name: Channel(axis_label(name), np.asarray(shown(name, values, patm), dtype=np.float32))
         for name, values in found.items()
     }
 

@@ -28,6 +28,7 @@ NUMBERS = "123456789"
 CSS = """
 :root { --ink:#1b1f24; --soft:#59636e; --line:#d8dee4; --panel:#ffffff; --ground:#f3f5f7; }
 body.body--dark { --ink:#e6e9ed; --soft:#a9b3be; --line:#3a424b; --panel:#1b2026; --ground:#12161a; }
+html { scroll-padding-top:76px; }  /* what is scrolled to, by focus too, stays clear of the bar */
 body { background:var(--ground); color:var(--ink); font-size:15px; }
 .nicegui-content { padding:0; gap:0; }
 .bar { background:var(--panel); border-bottom:1px solid var(--line); color:var(--ink);

@@ -17,9 +17,8 @@ import pandas as pd
 from pneuid.errors import UserError
 from pneuid.formats import READERS, FileLayout, RawTable, read_table
 from pneuid.formats.text import read_text
-from pneuid.plausibility import check_recordings
 from pneuid.recording import REQUIRED, Recording
-from pneuid.report.style import axis_label, shown
+from pneuid.report.signal_units import axis_label, shown
 from pneuid.rig import Rig
 from pneuid.workbench.payload import Channel, RawPreview, RunData
 from pneuid.workbench.rig_text import FILE_DEFAULTS
@@ -205,6 +204,8 @@ def _fitting_layout(path: Path, stated: FileLayout) -> FileLayout | None:
 
 def doubts(paths: Sequence[Path], rig_text: str) -> tuple[str, ...]:
     """What an experienced eye would doubt in these recordings taken together, a sentence each; unusable ones left out."""
+    from pneuid.plausibility import check_recordings  # noqa: PLC0415 - brings scipy, which the first look can do without
+
     rig = rig_of(rig_text)
     runs = []
     for path in paths:

@@ -15,7 +15,7 @@ from pneuid.estimation.fit import Fit
 from pneuid.report.shape_figure import function_axis, function_over, signal_axis
 from pneuid.signals import SIGNALS
 
-MOST = 6
+MOST = 4
 """Effects that are drawn: those named, those refitted, then those that screening puts first."""
 
 SHAPES = "shapes.json"
@@ -44,7 +44,7 @@ def leading(diagnosis: Mapping[str, Any]) -> list[str]:
 def _shape(item: DefectShape, patm: float) -> dict[str, Any]:
     label, at = signal_axis(item.signal, item.at, patm)
     if item.unit == "N":
-        factor, words = 1.0, f"unexplained force{' against the motion' * item.against_motion} (N)"
+        factor, words = 1.0, f"unexplained force{'<br>against the motion' * item.against_motion} (N)"
     else:
         factor, words = 1e-3, f"unexplained rate of {SIGNALS[f'p{item.equation[-1]}'].symbol} (kPa/s)"
     columns = {name: (factor * getattr(item, name)).tolist() for name in ("measured", "spread", "taken")}
