@@ -54,8 +54,7 @@ def test_the_data_are_seen_and_a_key_changes_the_view(window):
 
 def test_the_role_of_a_run_is_chosen_with_the_mouse(window):
     for word, kept in (("not used", "unused"), ("train", "train")):
-        window.driver.find_element(CSS, '[aria-label="role of train_3.csv"]').click()
-        window.pick(word)
+        window.pick("role of train_3.csv", word)
         settings = window.site.folder / "workbench.json"
         window.wait(lambda: settings.exists() and json.loads(settings.read_text())["roles"]["train_3.csv"] == kept, 20, word)  # noqa: B023
     window.wait(lambda: not window.text("status"), 60, "the reader")
@@ -106,8 +105,7 @@ def test_columns_of_other_names_are_mapped_with_the_file_in_view(window, tmp_pat
     window.quiet()
     window.picture("columns", NARROW, "light")
     assert window.misfits() == []
-    window.driver.find_element(CSS, '[aria-label="column of x"]').click()
-    window.pick("weg")
+    window.pick("column of x", "weg")
     window.press("save-columns")
     window.wait(lambda: 'x = {column = "weg"}' in (window.site.folder / "rig.toml").read_text(), what="the mapping")
     window.wait(lambda: window.plotted("run-plot"), what="the run by its new names")
@@ -164,7 +162,7 @@ def test_the_story(window):
     window.wait(lambda: window.plotted("ranking"), what="the ranking")
     window.wait(lambda: window.plotted("shape-friction_pressure"), what="the effect over the measured defect")
     window.fits("missing")
-    panel = """document.querySelector('[data-testid="over-defect"]').scrollIntoView({block: "end"})"""
+    panel = """document.querySelector('[data-testid="over-defect"]').scrollIntoView({block: "start"})"""
     window.driver.execute_script(panel)
     window.quiet()
     window.picture("over_defect", NARROW, "light")

@@ -176,10 +176,17 @@ class Window:
                 time.sleep(0.1)
         raise AssertionError(f"waited for {what}; job: {self.text('job')!r}")
 
-    def pick(self, words: str) -> None:
-        """Choose from the menu that was opened."""
+    def pick(self, label: str, words: str) -> None:
+        """Choose with the mouse from the menu of the field with this label."""
         option = f"[...document.querySelectorAll('.q-menu .q-item')].find(item => item.innerText.trim() === '{words}')"
-        self.wait(lambda: self.driver.execute_script(f"const o = {option}; if (o) o.click(); return !!o"), 20, words)
+        for _ in range(10):
+            self.driver.find_element(CSS, f'[aria-label="{label}"]').click()
+            end = time.monotonic() + 3
+            while time.monotonic() < end:
+                if self.driver.execute_script(f"const o = {option}; if (o) o.click(); return !!o"):
+                    return
+                time.sleep(0.1)
+        raise AssertionError(f"{words} cannot be chosen in {label}")
 
     def go(self, view: str, shows: str) -> None:
         self.press(f"tab-{view}")
