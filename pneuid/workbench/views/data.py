@@ -38,6 +38,8 @@ def build(page: Any) -> None:
                 box.clear()
                 with box:
                     draw(page)
+        for run in page.bench.files:
+            page.memory["roles"][run.name].set_value(run.role)
         follow()
 
     again()
@@ -45,9 +47,9 @@ def build(page: Any) -> None:
 
 
 def _runs_state(page: Any) -> Any:
-    """What the list of runs shows."""
+    """What the list of runs shows, the roles apart: they are changed in place."""
     bench = page.bench
-    rows = [(run.name, run.role, _state(bench, run.name, run.size), bench.faults.get(run.name)) for run in bench.files]
+    rows = [(run.name, _state(bench, run.name, run.size), bench.faults.get(run.name)) for run in bench.files]
     return rows, _chosen(page)
 
 
@@ -91,6 +93,7 @@ def _chosen(page: Any) -> str:
 
 def _runs(page: Any) -> None:
     bench = page.bench
+    roles = page.memory["roles"] = {}
     with ui.column().classes("panel w-full gap-1").props('data-testid="runs"'):
         ui.label("Runs").classes("head")
         if not bench.files:
@@ -110,6 +113,7 @@ def _runs(page: Any) -> None:
                 with ui.element("div").on("click", js_handler="event => event.stopPropagation()"):
                     role = ui.select(_ROLES, value=run.role, on_change=lambda e, name=run.name: _role(page, name, e.value))
                     role.props(f'dense borderless options-dense aria-label="role of {run.name}"').style("width:92px")
+                    roles[run.name] = role
 
 
 def _state(bench: Any, name: str, size: int) -> str:
@@ -130,7 +134,8 @@ def _choose(page: Any, name: str) -> None:
 
 
 def _role(page: Any, name: str, role: str) -> None:
-    if page.attempt(page.bench.project.set_role, name, role):
+    known = {run.name: run.role for run in page.bench.files}
+    if role != known.get(name) and page.attempt(page.bench.project.set_role, name, role):
         page.bench.look()
 
 
