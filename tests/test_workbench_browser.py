@@ -194,7 +194,7 @@ def test_an_unknown_function_is_drawn_and_can_be_added(window):
     curve = {"effect": "spline:force(x)", "equation": "force", "signal": "x", "times": "", "unit": "N", "at": x,
              "value": x, "std": x, "provisional": True}  # fmt: skip
     unknown = {"equation": "force", "depends_on": ["x"], "rms": 3.0, "unit": "N", "effect": "spline:force(x)", "curve": curve,
-               "formula": "2 x", "formula_effect": "formula:force(2*x)", "formula_error": 0.1}  # fmt: skip
+               "formula": "sin", "formula_effect": "formula:force(period(x,0.025))", "formula_error": 0.1}  # fmt: skip
     folder = window.site.folder / "later_diagnosed"
     folder.mkdir()
     found = {"schema": 1, "verdict": "unknown", "effects": [], "ranking": [], "unknown": unknown, "next_experiment": None,
@@ -205,7 +205,7 @@ def test_an_unknown_function_is_drawn_and_can_be_added(window):
     window.go("missing", "diagnose")
     window.wait(lambda: window.plotted("unknown"), 20, "the function")
     assert window.misfits() == []
-    assert window.find("add-formula:force(2*x)")[0].is_enabled()
+    assert window.find("add-formula:force(period(x,0.025))")[0].is_enabled()
     window.begin("add-spline:force(x)", "fit with spline:force(x)")
     window.press("cancel")
     window.wait(lambda: "cancelled" in window.text("job"), 20, "the cancel")

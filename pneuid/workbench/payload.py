@@ -16,9 +16,9 @@ class Channel:
     values: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class RunData:
-    """A recording as it is shown: t (N,) in s; ``preview`` when thinned and not yet checked. Equal to itself alone."""
+    """A recording as it is shown: t (N,) in s; ``preview`` when thinned and not yet checked as a whole."""
 
     name: str
     t: np.ndarray

@@ -40,6 +40,7 @@ def build(page: Any) -> None:
                     draw(page)
         for run in page.bench.files:
             page.memory["roles"][run.name].set_value(run.role)
+        page.memory["refine"]()
         follow()
 
     again()
@@ -54,10 +55,11 @@ def _runs_state(page: Any) -> Any:
 
 
 def _right_state(page: Any) -> Any:
-    """What the right side shows."""
+    """What the right side shows, the curves apart: the plot takes new ones in as it stands."""
     bench, name = page.bench, _chosen(page)
-    return (tuple(bench.refused.items()), bench.doubts, name, bench.data.get(name), bench.faults.get(name),
-            bench.project.has_rig, page.ink)  # fmt: skip
+    run = bench.data.get(name)
+    return (tuple(bench.refused.items()), bench.doubts, name, None if run is None else (run.notes, tuple(run.channels)),
+            bench.faults.get(name), bench.project.has_rig, page.ink)  # fmt: skip
 
 
 def _right(page: Any) -> None:
@@ -194,6 +196,7 @@ def _rig(page: Any) -> Callable[[], None]:
 def _shown_run(page: Any) -> None:
     bench = page.bench
     name = _chosen(page)
+    page.memory["refine"] = lambda: None
     with ui.column().classes("panel w-full gap-2"):
         if not name:
             ui.label("Nothing to show yet").classes("head")
@@ -216,15 +219,22 @@ def _shown_run(page: Any) -> None:
             return
         if run.notes:
             ui.label("; ".join(run.notes)).classes("soft")
-        ink = page.ink
-        whole = float(run.t[0]), float(run.t[-1])
-        key = f"{name} {run.preview}"
+        ink, shown = page.ink, [run]
 
         def figure(span: tuple[float, float] | None) -> dict[str, Any]:
             page.memory["data-span"] = span
-            return _figure(run, ink, key, span)
+            return _figure(shown[0], ink, name, span)
 
-        zoomable(figure, whole, "calc(100vh - 190px)", "run-plot", page.memory.get("data-span"))
+        plot = zoomable(figure, "calc(100vh - 190px)", "run-plot", page.memory.get("data-span"))
+
+        def refine() -> None:
+            """The whole recording in place of the first look, or a file that was written anew: zoom and tool stay."""
+            now = bench.data.get(name)
+            if now is not None and now is not shown[0]:
+                shown[0] = now
+                plot.update_figure(figure(page.memory["data-span"]))
+
+        page.memory["refine"] = refine
 
 
 def _figure(run: RunData, ink: Ink, key: str, span: tuple[float, float] | None) -> dict[str, Any]:

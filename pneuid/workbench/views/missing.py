@@ -58,11 +58,12 @@ def _diagnosis(page: Any, folder: str, found: Mapping[str, Any], running: bool) 
     _unknown(page, folder, found, shapes.get("unknown"), running)
     for name in found["effects"]:
         _card(page, folder, name, running)
-    with ui.column().classes("panel w-full gap-1"):
-        ui.label("Ranking of the catalogue").classes("head")
-        rows = min(len(found["ranking"]), 12)
-        chart(ranking_chart(found, page.ink), f"{100 + 32 * rows}px", "ranking")
-        _groups(found)
+    if found["ranking"]:
+        with ui.column().classes("panel w-full gap-1"):
+            ui.label("Ranking of the catalogue").classes("head")
+            rows = min(len(found["ranking"]), 12)
+            chart(ranking_chart(found, page.ink), f"{100 + 32 * rows}px", "ranking")
+            _groups(found)
     _over_defect(page, folder, found, shapes.get("shapes"), running)
     _next_experiment(page, found)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -31,16 +32,16 @@ def note(text: str, kind: str = "note", name: str = "") -> ui.label:
     return label.props(f'data-testid="{name}"') if name else label
 
 
-def zoomable(figure: Callable[[tuple[float, float] | None], dict[str, Any]], whole: tuple[float, float], height: str,
-             name: str, span: tuple[float, float] | None = None,
+def zoomable(figure: Callable[[tuple[float, float] | None], dict[str, Any]], height: str, name: str,
+             span: tuple[float, float] | None = None,
              on_span: Callable[[tuple[float, float] | None], None] | None = None) -> ui.plotly:  # fmt: skip
-    """A plot over time that asks ``figure`` again for every range that is zoomed or panned to."""
+    """A plot over time that asks ``figure`` again for every range that is zoomed or panned to, None for the whole."""
     plot = ui.plotly(figure(span)).classes("w-full").style(f"height:{height}").props(f'data-testid="{name}"')
 
     def moved(event: Any) -> None:
-        found = _range(event.args, whole)
+        found = _range(event.args)
         if found is not None:
-            now = None if found == whole else found
+            now = None if found == _WHOLE else found
             plot.update_figure(figure(now))
             if on_span is not None:
                 on_span(now)
@@ -49,12 +50,15 @@ def zoomable(figure: Callable[[tuple[float, float] | None], dict[str, Any]], who
     return plot
 
 
-def _range(args: Any, whole: tuple[float, float]) -> tuple[float, float] | None:
+_WHOLE = (-math.inf, math.inf)
+
+
+def _range(args: Any) -> tuple[float, float] | None:
     """The range of t that an event of the plot means, None where it means another axis."""
     if not isinstance(args, dict):
         return None
     if args.get("xaxis.autorange"):
-        return whole
+        return _WHOLE
     pair = args.get("xaxis.range") or [args.get("xaxis.range[0]"), args.get("xaxis.range[1]")]
     try:
         low, high = float(pair[0]), float(pair[1])

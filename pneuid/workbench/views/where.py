@@ -115,9 +115,7 @@ def _plots(page: Any, found: ComparisonView) -> None:
         return stack(run.t, _rows(run, ink), ink, key, span, marked)
 
     with ui.column().classes("panel w-full").style("padding:4px 6px"):
-        zoomable(
-            figure, whole, "max(470px, calc(100vh - 340px))", "overlay", page.memory.get("where-span"), clouds.refresh
-        )
+        zoomable(figure, "max(470px, calc(100vh - 340px))", "overlay", page.memory.get("where-span"), clouds.refresh)
     clouds.draw(page.memory.get("where-span"))
 
 
