@@ -17,7 +17,7 @@ from pneuid.criticism.trial import Judge, Trial
 from pneuid.effects import CATALOGUE
 from pneuid.report.summary import verdict_lines
 
-JUDGE = SimpleNamespace(spread=0.02, small=0.15)
+JUDGE = SimpleNamespace(spread=0.02, small=0.15, explains=lambda trial: trial.error - 1.0 < 0.15)
 
 
 def stub(error: float, cost: float, added: str | None = None, relaxation: float = 0.1) -> Trial:
