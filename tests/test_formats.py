@@ -71,16 +71,17 @@ def test_the_same_table_in_many_disguises(content: str, tmp_path: Path) -> None:
         (FileLayout(delimiter="whitespace"), "t [s]   x [mm]\n 0  1 \n1\t2\n"),
         (FileLayout(skip_rows=2), "logger 3\n\nt [s],x [mm]\n0,1\n1,2\n"),
         (FileLayout(delimiter=";", decimal=","), "t [s];x [mm]\n0,0;1,\n10,0E-1;2\n"),
+        (FileLayout(units=True, delimiter=";"), "t;x\n[s]; mm\n0;1\n1;2\n"),
         (FileLayout(encoding="cp1252"), "t [s],x [mm]\n0,1\n1,2\n"),
     ],
-    ids=["semicolon", "tab", "whitespace", "skip_rows", "decimal comma", "encoding"],
+    ids=["semicolon", "tab", "whitespace", "skip_rows", "decimal comma", "units below", "encoding"],
 )
 def test_layouts(layout: FileLayout, content: str, tmp_path: Path) -> None:
     table = read_table(write(tmp_path, content, "run.TXT"), layout)
     assert list(table.frame.columns) == ["t", "x"]
     assert table.units == {"t": "s", "x": "mm"}
     np.testing.assert_array_equal(table.frame.to_numpy(float), [[0, 1], [1, 2]])
-    assert table.frame.index[0] == layout.skip_rows + 2
+    assert table.frame.index[0] == layout.skip_rows + 2 + layout.units
 
 
 def test_decimal_commas_beside_text_and_points(tmp_path: Path) -> None:
@@ -95,6 +96,17 @@ def test_decimal_commas_beside_text_and_points(tmp_path: Path) -> None:
         read_table(write(tmp_path, "t [s];x [mm]\n0,5;1\n1,25;1.234,5\n"), layout).numbers("x", False, "f")
     gaps = read_table(write(tmp_path, "t [s];x [mm]\n0,5;1\n1,25;\n"), FileLayout(delimiter=";", decimal=",", gaps=True))
     np.testing.assert_array_equal(gaps.numbers("x", True, "f"), [1, np.nan])
+
+
+def test_a_line_of_units_below_the_header(tmp_path: Path) -> None:
+    path = write(tmp_path, "t,x,state\nms,mm,-\n0,1,0\n1,2,0\n")
+    with pytest.raises(UserError, match=r"row 2, column 'x': 'mm' is not a number; for a line of units .* units = true"):
+        read_table(path, FileLayout()).numbers("x", False, "f")
+    table = read_table(path, FileLayout(units=True))
+    assert table.units == {"t": "ms", "x": "mm"} and list(table.frame.index) == [3, 4]
+    for content in ("t [s],x [mm]\n0,1\n1,2\n", "t,x\nms\n0,1\n"):
+        assert "is no line of units" in refused(write(tmp_path, content), FileLayout(units=True))
+    assert "no sample" in refused(write(tmp_path, "t,x\nms,mm\n"), FileLayout(units=True))
 
 
 def test_a_logger_of_windows_writes_micrometres(tmp_path: Path) -> None:

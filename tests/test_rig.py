@@ -235,6 +235,7 @@ BAD_SERVO = [
     ("files/delimiter", " ", ["files.delimiter", "whitespace"]),
     ("files/decimal", ",", ["files", "decimal", 'write for example delimiter = ";"']),
     ("files/decimal", ";", ["files.decimal", "';'"]),
+    ("files/units", "ms", ["files.units", "'ms'", "true or false"]),
     ("files/encoding", "utf-16", ["files.encoding", "'utf-16'", "cp1252"]),
     ("files/encoding", "base64", ["files.encoding", "'base64'"]),
     ("files/encoding", "\0", ["files.encoding"]),

@@ -270,6 +270,9 @@ def test_a_logger_of_its_own_layout_is_taken_and_its_head_is_shown(tmp_path):
     wrong = raw_head(path, rig, head.layout | {"delimiter": "\t"})
     assert "only one column found" in wrong.fault and "tmp" not in wrong.fault and len(wrong.rows) == 6
     assert "column t is missing" in check_upload(path, with_files(rig, head.layout))
+    path.write_text("t;x\ns;mm\n" + "".join(f"{k},5;1\n" for k in range(100)))
+    head = raw_head(path, rig)
+    assert head.units == {"t": "s", "x": "mm"} and head.layout["units"] and head.rows[0] == ("0.5", "1")
 
 
 def test_a_damaged_result_is_none(tmp_path):

@@ -181,9 +181,12 @@ class Files(_Section):
     gaps: StrictBool = False
     decimal: Literal[".", ","] = "."
     encoding: Encoding = "utf-8"
+    units: StrictBool = False
 
     @model_validator(mode="after")
-    def _commas_mean_one_thing(self) -> Self:
+    def _fits_together(self) -> Self:
+        if self.units and not self.header:
+            raise ValueError("units = true means a line below the header; with header = false state units in [columns]")
         if self.delimiter == self.decimal:
             raise ValueError('decimal = "," needs another delimiter; write for example delimiter = ";"')
         return self

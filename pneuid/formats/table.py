@@ -23,7 +23,8 @@ class FileLayout:
 
     ``delimiter``: one character, or ``"whitespace"``; ``header``: whether a line names the columns;
     ``skip_rows``: lines before it; ``gaps``: whether empty and NaN cells are missing samples; ``decimal``: ``"."`` or
-    ``","``; ``encoding``: of the text, by the name that Python gives it.
+    ``","``; ``encoding``: of the text, by the name that Python gives it; ``units``: whether the line below the header states
+    the units.
     """
 
     delimiter: str = ","
@@ -32,6 +33,7 @@ class FileLayout:
     gaps: bool = False
     decimal: str = "."
     encoding: str = "utf-8"
+    units: bool = False
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,8 @@ class RawTable:
                 advice = '; for decimal commas write decimal = "," below [files] in rig.toml'
             elif is_number(text):
                 advice = '; [files] decimal in rig.toml says that decimals are written with ","'
+            elif row == self.frame.index[0] and re.fullmatch(r"[\[(]?[^\W\d][\w/^*]{0,5}[\])]?", text):
+                advice = "; for a line of units below the header write units = true below [files] in rig.toml"
             elif gaps:
                 advice = "; leave a missing sample empty or write NaN"
             place = f"{where}: {self.row_word} {row}, column {shown(series.name)}"

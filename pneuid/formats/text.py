@@ -30,7 +30,7 @@ def read_text(path: Path, layout: FileLayout) -> RawTable:
     """
     lines = _lines(path, layout.encoding)
     first = layout.skip_rows
-    if len(lines) <= first + layout.header:
+    if len(lines) <= first + layout.header + layout.units:
         skipped = f" after skip_rows = {layout.skip_rows}" if layout.skip_rows else ""
         what = f"has {len(lines)} lines and no sample{skipped}" if lines else "is empty"
         raise UserError(f"{path}: the file {what}")
@@ -39,6 +39,9 @@ def read_text(path: Path, layout: FileLayout) -> RawTable:
     if layout.header:
         names, units = _header(lines[first], lines[first + 1], layout, f"{path}: row {first + 1}")
         first += 1
+        if layout.units:
+            units |= _unit_line(lines[first], names, layout, f"{path}: row {first + 1}")
+            first += 1
     body = lines[first:]
     for offset, line in enumerate(body):
         if not line.strip():
@@ -114,6 +117,14 @@ def _header(line: str, below: str, layout: FileLayout, where: str) -> tuple[list
         if match["unit"] and match["unit"].strip():
             units[name] = match["unit"].strip()
     return names, units
+
+
+def _unit_line(line: str, names: list[str | int], layout: FileLayout, where: str) -> dict[str | int, str]:
+    """Units that a line below the header states, bare or in brackets; empty cells and ``-`` state none."""
+    cells = [cell.strip("[]() ") for cell in _cells(line, layout, where)]
+    if len(cells) != len(names) or all(is_number(cell, layout.decimal) for cell in cells):
+        raise UserError(f"{where}: {shown(line.strip())} is no line of units, one for each column; remove units from [files]")
+    return {name: cell for name, cell in zip(names, cells, strict=True) if cell.strip("-")}
 
 
 def _header_cells(line: str, layout: FileLayout, where: str) -> list[str]:

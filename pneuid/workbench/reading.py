@@ -31,8 +31,9 @@ HEAD_ROWS = 6
 HEAD_LINES = 200
 """Lines of a text file that tell its layout."""
 
-_LAYOUTS = tuple(
-    (delimiter, decimal, encoding)
+_LAYOUTS: tuple[dict[str, Any], ...] = tuple(
+    {"delimiter": delimiter, "decimal": decimal, "encoding": encoding, "units": units}
+    for units in (False, True)
     for encoding in ("utf-8", "cp1252")
     for delimiter, decimal in ((",", "."), (";", ","), (";", "."), ("\t", ","), ("\t", "."), ("whitespace", "."))
 )
@@ -193,8 +194,8 @@ def _fitting_layout(path: Path, stated: FileLayout) -> FileLayout | None:
     with _head_only(path, HEAD_LINES + stated.skip_rows) as head:
         if head is None:
             return None
-        for delimiter, decimal, encoding in ((stated.delimiter, stated.decimal, stated.encoding), *_LAYOUTS):
-            layout = replace(stated, delimiter=delimiter, decimal=decimal, encoding=encoding)
+        for change in ({}, *_LAYOUTS):
+            layout = replace(stated, **change)
             with contextlib.suppress(UserError):
                 count = len(_numeric(read_table(head, layout)))
                 if count > most:

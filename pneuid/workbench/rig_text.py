@@ -41,7 +41,7 @@ pressure = "600 kPa"
 """
 
 FILE_DEFAULTS: dict[str, Any] = {
-    "delimiter": ",", "decimal": ".", "header": True, "skip_rows": 0, "encoding": "utf-8",
+    "delimiter": ",", "decimal": ".", "header": True, "skip_rows": 0, "encoding": "utf-8", "units": False,
 }  # fmt: skip
 """What ``[files]`` says of a text file's layout where it says nothing."""
 

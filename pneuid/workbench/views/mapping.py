@@ -52,7 +52,7 @@ def _layout(head: RawPreview, again: Callable[[dict[str, Any]], None]) -> None:
 
     def changed(key: str, value: Any) -> None:
         if value is not None:
-            again(head.layout | {key: value})
+            again(head.layout | {key: value} | ({"units": False} if key == "header" else {}))
 
     with ui.row().classes("w-full items-center gap-3"):
         for key, label, known in (("delimiter", "cells split at", _DELIMITERS), ("decimal", "decimal mark", _DECIMALS),
@@ -64,8 +64,9 @@ def _layout(head: RawPreview, again: Callable[[dict[str, Any]], None]) -> None:
         rows = ui.number("lines before the header", value=head.layout["skip_rows"], min=0, precision=0)
         rows.props("dense outlined debounce=600").classes("w-[180px]")
         rows.on_value_change(lambda e: changed("skip_rows", int(e.value) if e.value is not None and e.value >= 0 else None))
-        ui.checkbox("a line names the columns", value=head.layout["header"],
-                    on_change=lambda e: changed("header", bool(e.value)))  # fmt: skip
+        for key, words in (("header", "a line names the columns"), ("units", "units in the line below")):
+            box = ui.checkbox(words, value=head.layout[key], on_change=lambda e, key=key: changed(key, bool(e.value)))
+            box.set_enabled(key == "header" or head.layout["header"])
 
 
 def _form(page: Any, head: RawPreview, dialog: ui.dialog, again: Callable[[dict[str, Any]], None]) -> None:
