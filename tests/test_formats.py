@@ -92,6 +92,9 @@ def test_decimal_commas_beside_text_and_points(tmp_path: Path) -> None:
     np.testing.assert_array_equal(table.numbers("t", False, "f"), [0.5, 1.25])
     with pytest.raises(UserError, match=r"f: row 3, column 'x': '1.234' is not a number; .*decimals are written with"):
         table.numbers("x", False, "f")
+    numbers = read_table(write(tmp_path, "t [s];x [mm]\n0,5;1\n1,25;1.234\n"), layout)
+    with pytest.raises(UserError, match=r"row 3, column 'x': '1.234' is not a number"):
+        numbers.numbers("x", False, "f")
     with pytest.raises(UserError, match=r"row 3, column 'x': '1.234,5' is not a number"):
         read_table(write(tmp_path, "t [s];x [mm]\n0,5;1\n1,25;1.234,5\n"), layout).numbers("x", False, "f")
     gaps = read_table(write(tmp_path, "t [s];x [mm]\n0,5;1\n1,25;\n"), FileLayout(delimiter=";", decimal=",", gaps=True))
