@@ -163,6 +163,13 @@ def test_the_line_holds_back_the_delay_times_the_flow_and_loses_nothing():
     assert arriving["mdot1"][np.searchsorted(t, tau)] / float(valve.mdot1) == pytest.approx(1 - np.exp(-1), abs=0.02)
 
 
+@pytest.mark.parametrize("u", [10.0, -10.0])
+def test_a_tube_is_a_conductance_in_series_with_every_edge(u):
+    with_it, without = at(plant_with("line_delay"), {"u": u}, {"r_line": 0.5}), at(plant_with(), {"u": u})
+    for name in ("mdot1", "mdot2"):
+        assert float(getattr(with_it, name)) == pytest.approx(float(getattr(without, name)) / np.sqrt(1.5), rel=1e-5)
+
+
 # --- exhaust, null leakage, critical ratio ---
 
 

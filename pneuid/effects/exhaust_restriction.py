@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import casadi as ca
-
-from pneuid.effect import Effect, Expression, Parameter, Scope
+from pneuid.effect import Effect, Parameter, Scope
 from pneuid.physics.friction import FrictionLaw
-from pneuid.physics.valve import Edges
+from pneuid.physics.valve import Edges, series_share
 from pneuid.rig import Rig
 
 _SOURCE = (
@@ -33,8 +31,6 @@ class ExhaustRestriction(Effect):
 
     def edges(self, edges: Edges, scope: Scope) -> Edges:
         """Narrow both exhaust edges."""
-
-        def behind(opening: Expression) -> Expression:
-            return opening / ca.sqrt(1.0 + scope.p.r_exhaust * opening * opening)
-
-        return replace(edges, exhaust_1=behind(edges.exhaust_1), exhaust_2=behind(edges.exhaust_2))
+        one, two = edges.exhaust_1, edges.exhaust_2
+        r = scope.p.r_exhaust
+        return replace(edges, exhaust_1=one * series_share(one, r), exhaust_2=two * series_share(two, r))

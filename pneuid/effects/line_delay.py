@@ -5,21 +5,27 @@ from __future__ import annotations
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
 from pneuid.physics.lag import vanishing_lag
+from pneuid.physics.valve import series_share
 from pneuid.rig import Rig
 
 _SOURCE = (
     "Richer, Hurmuzlu, J. Dyn. Syst. Meas. Control 122 (2000) 416, part 1, section on the connecting tubes (delay L/c)"
 )
 
+_SERIES = "Beater, Pneumatic Drives 2007, chapter 3 (conductances in series): 1/C^2 = 1/C_1^2 + 1/C_2^2"
+
 _SHORTEST = 1.0e-3
 """Time constant in s with which the delay is screened; below it the lag keeps its delay alone."""
 
 
 class LineDelay(Effect):
-    """The flow into a chamber follows the valve's flow by a first-order lag of mean delay ``tau``, about ``L/c``."""
+    """The flow into a chamber follows the valve's flow by a first-order lag of mean delay ``tau``, about ``L/c``.
+
+    The tube's own resistance stands in series with every edge of the valve: ``s / sqrt(1 + r s^2)``, ``r = (C / C_tube)^2``.
+    """
 
     name = "line_delay"
-    mechanism = "air needs time to run through the tubes between the valve and the chambers"
+    mechanism = "air needs time, and pressure, to run through the tubes between the valve and the chambers"
     equation = "flow_1"
     reference = _SOURCE
     experiment = "fast steps of the command at several supply pressures"
@@ -28,20 +34,32 @@ class LineDelay(Effect):
     states = (State("flow_behind_1", "1", 0.0, 0.3, 0.01), State("flow_behind_2", "1", 0.0, 0.3, 0.01))
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Delay of both tubes: 3 ms for each metre."""
-        return (Parameter("tau_line", "τ_l", "s", 0.0, 0.2, 0.0, 3e-3, _SOURCE, off=0.0),)
+        """Delay of both tubes, 3 ms for each metre, and squared ratio of the valve's conductance to a tube's."""
+        return (
+            Parameter("tau_line", "τ_l", "s", 0.0, 0.2, 0.0, 3e-3, _SOURCE, off=0.0),
+            Parameter("r_line", "r_l", "1", 0.0, 25.0, 0.0, 0.1, _SERIES, off=0.0),
+        )
 
     def flows(self, mdot1: Expression, mdot2: Expression, scope: Scope) -> tuple[Expression, Expression]:
         """Replace the valve's flow by what arrives of it; states count in flows through the fully open valve."""
         weight, _ = vanishing_lag(scope.p.tau_line, _SHORTEST)
-        held_1 = scope.valve_flow_1 - scope.state.flow_behind_1 * scope.full_flow
-        held_2 = scope.valve_flow_2 - scope.state.flow_behind_2 * scope.full_flow
-        return mdot1 - weight * held_1, mdot2 - weight * held_2
+        through_1, through_2 = _through(scope)
+        held_1 = through_1 - scope.state.flow_behind_1 * scope.full_flow
+        held_2 = through_2 - scope.state.flow_behind_2 * scope.full_flow
+        lost_1, lost_2 = scope.valve_flow_1 - through_1, scope.valve_flow_2 - through_2
+        return mdot1 - lost_1 - weight * held_1, mdot2 - lost_2 - weight * held_2
 
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
-        """What arrives follows what the valve lets through."""
+        """What arrives follows what valve and tube let through."""
         _, time_constant = vanishing_lag(scope.p.tau_line, _SHORTEST)
+        through_1, through_2 = _through(scope)
         return {
-            "flow_behind_1": (scope.valve_flow_1 / scope.full_flow, time_constant),
-            "flow_behind_2": (scope.valve_flow_2 / scope.full_flow, time_constant),
+            "flow_behind_1": (through_1 / scope.full_flow, time_constant),
+            "flow_behind_2": (through_2 / scope.full_flow, time_constant),
         }
+
+
+def _through(scope: Scope) -> tuple[Expression, Expression]:
+    """What valve and tube in series let through towards both chambers, kg/s."""
+    share = series_share(scope.opening_1 - scope.opening_2, scope.p.r_line)
+    return share * scope.valve_flow_1, share * scope.valve_flow_2
