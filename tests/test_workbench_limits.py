@@ -116,6 +116,8 @@ def test_two_gigabytes_are_refused_before_they_are_read(window, tmp_path):
     window.upload(large)
     words = "refused: an upload may have 200 MB; copy larger files into the project folder instead"
     window.wait(lambda: words in window.driver.find_element(CSS, "body").text, what="the refusal in the page")
+    close = "return getComputedStyle(document.querySelector('.q-notification .q-btn')).color"
+    assert window.driver.execute_script(close) == "rgb(255, 255, 255)", "the word on its coloured ground"
     # answered although not a byte of the body is ever sent
     status, body = asked(window.site, "POST", path, **{"Content-Length": str(2 * GIGABYTE)})
     assert status == 413

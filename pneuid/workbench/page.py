@@ -50,7 +50,7 @@ body.body--dark .q-btn--outline { --q-negative:#f0935a; }
 .plain .r { text-align:right; }
 .region { cursor:pointer; border:1px solid var(--line); border-radius:6px; padding:8px 10px; background:var(--panel); }
 .region:hover { border-color:#e69f00; }
-.q-notification .q-btn { --q-primary:#fff !important; }
+.q-notification__actions { --q-primary:#fff !important; }
 .region.chosen { border:2px solid #e69f00; padding:7px 9px; }
 .run-row { border-bottom:1px solid var(--line); padding:5px 4px; border-left:4px solid transparent; cursor:pointer; }
 .run-row.chosen { border-left-color:#0072b2; background:rgba(0,114,178,.09); }
