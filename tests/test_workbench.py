@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import time
 
 import numpy as np
@@ -499,3 +500,39 @@ def test_a_file_that_kills_or_holds_its_reader_costs_nothing_but_itself(tmp_path
         assert not waiting.exists() and not (project.folder / "dropped.tdms").exists()
     finally:
         bench.close()
+
+
+# --- over the measured defect ---
+
+
+@pytest.mark.slow
+def test_shapes_are_drawn_for_a_diagnosis_that_a_command_made(tmp_path):
+    """The model is one that this process did not fit: it is fitted again, and the unknown function comes along."""
+    from pneuid.workbench import computing
+    from pneuid.workbench.request import FitRequest
+
+    project, said = demo_project(tmp_path / "demo"), []
+    for run in project.runs():
+        path = project.path(run.name)
+        path.write_text("".join(path.read_text().splitlines(keepends=True)[:2001]))
+    train = tuple(project.of_role("train"))
+    name, _ = computing.fit(FitRequest(project.folder, train, ()), lambda *_: None, said.append)
+    computing._known.clear()
+    names = ["friction_position", "friction_pressure", "gravity", "backlash", "load_mass", "load_spring"]
+    ranking = [{"effect": effect, "screen_gain": 0.1, "hold_out_error_ratio": None} for effect in names]
+    ranking[1]["hold_out_error_ratio"] = 0.2
+    curve = {"effect": "spline:flow_1(u)", "equation": "flow_1", "signal": "u", "times": "", "unit": "kg/s", "at": [-1.0, 1.0],
+             "value": [1e-3, 2e-3], "std": [1e-4, 1e-4], "provisional": True}  # fmt: skip
+    folder = project.folder / "by_command"
+    folder.mkdir()
+    found = {"effects": [], "ranking": ranking, "unknown": {"curve": curve}}
+    (folder / "diagnosis.json").write_text(json.dumps(found))
+    computing.draw_shapes(project.folder, name, train, "by_command", lambda *_: None, said.append)
+    drawn = project.result("by_command", "shapes.json")
+    assert "fitting the model again on its relaxed problem" in said
+    assert [item["effect"] for item in drawn["shapes"]] == ["friction_pressure", "friction_position", "gravity", "backlash"]
+    first = drawn["shapes"][0]
+    assert first["y_label"] == "unexplained force<br>against the motion (N)" and first["share"] > drawn["shapes"][1]["share"]
+    assert len(first["at"]) == len(first["measured"]) == len(first["spread"]) == len(first["taken"])
+    assert (drawn["unknown"]["x_label"], drawn["unknown"]["y_label"]) == ("relative opening of the valve", "flow_1 (g/s)")
+    assert drawn["unknown"]["value"] == pytest.approx([1.0, 2.0])
