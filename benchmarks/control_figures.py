@@ -1,6 +1,6 @@
 """The control figures of the design, with models identified from noisy recordings of the virtual rig.
 
-    python benchmarks/control_figures.py --out figures [--workers 2] [--resume]
+    python benchmarks/control_figures.py --out figures [--seed 1] [--workers 2] [--resume]
 
 The rig's friction follows the chamber pressures by the 2011 laws. Three models are identified (`controllers.candidates`):
 pressure laws, from recordings at 3 and 7 bar gauge; constant friction, from recordings at 5 bar; constant friction from the
@@ -61,6 +61,7 @@ def main() -> None:
     """Identify, play, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--seed", type=int, default=1, help="of the recordings' motion and noise and of the loops' noise")
     parser.add_argument("--workers", type=int, default=None)
     parser.add_argument("--resume", action="store_true")
     given = parser.parse_args()
@@ -70,7 +71,7 @@ def main() -> None:
     supplies = tuple(truth.patm + bar * 1e5 for bar in SUPPLIES)
     tracking = Scenario(
         "tracking", ("pid", "cascade", "cascade_eso", "servo", "nmpc_eso", "nmpc"), supplies, (SINE, RANDOM, STEPS),
-        Design(supplies[1], ALPHA), models="identified",
+        Design(supplies[1], ALPHA), seeds=(given.seed,), models="identified", recordings=Recordings(seed=given.seed),
     )  # fmt: skip
     unheld = replace(tracking, controllers=("servo",), references=(STEPS,), design=replace(tracking.design, hold=0.0))
     wrong = replace(
@@ -81,7 +82,7 @@ def main() -> None:
     )
     with open_pool(given.workers) as pool:
         candidates = candidates_of(tracking, truth, NOTHING, pool, store, given.out, said)
-        average = averaged(truth, given.out / "models" / "average.json", pool)
+        average = averaged(truth, tracking.recordings, given.out / "models" / "average.json", pool)
         aware = [own for own in candidates if own.label == AWARE]
 
         def play(scenario: Scenario, own: Sequence[Candidate]) -> list[Result]:
@@ -101,11 +102,11 @@ def said(words: str) -> None:
     print(words, flush=True)
 
 
-def averaged(truth: TruthServo, path: Path, pool: Pool) -> Candidate:
+def averaged(truth: TruthServo, recordings: Recordings, path: Path, pool: Pool) -> Candidate:
     """Constant friction from the very recordings that the pressure laws are found in."""
     if not path.exists():
         sensors = Scenario("", (), (), (), Design(0.0)).sensors
-        task = Identification(AVERAGE, truth, NOTHING, sensors, EVERY_PRESSURE, Recordings(), (), VS_2011, LAW_ROUNDS)
+        task = Identification(AVERAGE, truth, NOTHING, sensors, EVERY_PRESSURE, recordings, (), VS_2011, LAW_ROUNDS)
         ((_, model),) = pool.each(identified, [task])
         model.save(path)
     model = load(path)

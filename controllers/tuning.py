@@ -27,19 +27,25 @@ from controllers.references import Reference, Smooth, Steps
 from pneuid.errors import ComputationError
 
 
+LEARNING = 0.1
+"""Learning rate of the share of friction over the observer's bandwidth. The residual it learns from settles in six time
+constants of the observer, so it has to be slower; much slower, and a first move of a tenth of a second ends before what
+``alpha`` holds back is learned: the axis then hunts in the dwell after it."""
+
+
 @dataclass(frozen=True)
 class Design:
     """What the designer chooses.
 
     supply : pressure the gains are made for, Pa absolute; alpha : share of the friction model that is believed;
-    hold : m, see ``CascadeGains`` (the predictive controller needs none); learning : 1/s, see ``ObserverGains``;
-    bandwidth : rad/s, None for what ``default_bandwidth`` finds.
+    hold : m, see ``CascadeGains`` (the predictive controller needs none); learning : rate at which the share of friction is
+    learned, relative to the observer's bandwidth; bandwidth : rad/s, None for what ``default_bandwidth`` finds.
     """
 
     supply: float
     alpha: float = 0.8
     hold: float = 1e-5
-    learning: float = 10.0
+    learning: float = LEARNING
     bandwidth: float | None = None
 
 
@@ -113,9 +119,10 @@ def cascade_gains(model: ControlModel, design: Design, sample_time: float) -> Ca
     The integral term is for the cascade without compensation; set it to zero where a residual force is estimated.
     """
     w = design.bandwidth or default_bandwidth(model, design.supply, sample_time)
+    observer = 4.0 * w
     return CascadeGains(
         position=w**2, damping=2.0 * w, integral=0.25 * w**3, force=2.5 * w, hold=design.hold, lead=2.0 * sample_time,
-        bandwidth=4.0 * w, pressure_trust=0.5, alpha=design.alpha, learning=design.learning,
+        bandwidth=observer, pressure_trust=0.5, alpha=design.alpha, learning=design.learning * observer,
     )  # fmt: skip
 
 
@@ -126,10 +133,10 @@ def mpc_gains(model: ControlModel, design: Design, sample_time: float) -> MpcGai
     error weight = (b / w^4)^2`` (Butterworth pattern of the symmetric root locus).
     """
     w = design.bandwidth or mpc_bandwidth(model, design.supply, sample_time)
-    gain = authority(model, design.supply).gain
+    gain, observer = authority(model, design.supply).gain, min(300.0, 0.6 / sample_time)
     return MpcGains(
         velocity=1.5 / w, change=gain / (model.mass * sample_time * w**4), terminal=10.0,
-        bandwidth=min(300.0, 0.6 / sample_time), pressure_trust=1.0, alpha=design.alpha, learning=design.learning,
+        bandwidth=observer, pressure_trust=1.0, alpha=design.alpha, learning=design.learning * observer,
     )  # fmt: skip
 
 

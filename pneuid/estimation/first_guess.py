@@ -25,6 +25,9 @@ TYPICAL_VS = 0.01
 TYPICAL_DEFLECTION = 4.0e-5
 """Deflection in m at which a seal breaks away; gives the stiffness a start."""
 
+_OPEN_RANGES = {"p1_low": 0.0, "p1_high": 1e9, "p2_low": 0.0, "p2_high": 1e9, "x_low": 0.0, "x_high": 1.0}
+"""Ranges that hold no effect back, Pa and m: a start knows of no fit yet."""
+
 
 def motions(runs: Sequence[Run]) -> list[Motion]:
     """Smoothed motion of every run."""
@@ -120,13 +123,7 @@ def first_nodes(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion], valu
     columns = []
     for run, motion in zip(runs, moved, strict=True):
         at = np.arange(0, run.n, every)
-        force = resisting_force(plant, run, motion) - values["sigma2"] * motion.v
-        level = values.get("Fs", values["Fc"])
-        stiffness = values.get("sigma0", level / TYPICAL_DEFLECTION)
-        theta = dict(zip(plant.theta_names, plant.theta(values, _no_ranges()), strict=True))
-        if plant.law.static:
-            stiffness = theta["carrier_stiffness"]
-        z = np.clip(force, -level, level) / stiffness
+        z = _bristle(plant, run, motion, values)
         states = {"x": motion.x[at], "v": motion.v[at], "z": z[at]}
         if plant.servo:
             for signal in ("p1", "p2"):
@@ -137,6 +134,37 @@ def first_nodes(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion], valu
     return np.hstack(columns)
 
 
+def _coefficients(plant: Plant) -> ca.Function:
+    """``(s, w, theta) -> (Fs [N], sigma0 [N/m], sigma2 [N s/m])``, effects included."""
+    s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
+    theta = ca.SX.sym("theta", len(plant.theta_names))
+    k = plant.evaluate(s, w, theta).coefficients
+    return ca.Function("coefficients", [s, w, theta], [ca.vertcat(k.Fs, k.sigma0, k.sigma2)])
+
+
+def follows_state(plant: Plant) -> bool:
+    """Whether friction's coefficients follow the state, so that the bristle cannot be read before their laws are known."""
+    return bool(_coefficients(plant).sparsity_jac(0, 0).nnz() > 0)
+
+
+def _bristle(plant: Plant, run: Run, motion: Motion, values: dict) -> np.ndarray:
+    """Deflection (N,) in m that carries the resisting force, at the friction coefficients of the measured pressures.
+
+    A start that clips it at a level of other pressures puts every stick of the run into the wrong place, from where the slips
+    after it do not find their time.
+    """
+    at = _coefficients(plant)
+    known = {"x": motion.x, "v": motion.v} | {own.name: np.full(run.n, own.initial) for own in plant.effect_states}
+    if plant.servo:
+        known |= {name: _averaged(run.measured(name)) for name in ("p1", "p2")}
+    states = np.vstack([known.get(name, np.zeros(run.n)) for name in plant.states])
+    given = np.vstack([run.input(name) for name in plant.inputs])
+    column = plant.theta(values, _OPEN_RANGES, run.own.mass)
+    level, stiffness, viscous = np.asarray(at(states, given, column[:, None]))
+    force = resisting_force(plant, run, motion) - viscous * motion.v
+    return np.asarray(np.clip(force, -level, level) / stiffness)
+
+
 def _effect_states(plant: Plant, run: Run, motion: Motion, z: np.ndarray, values: dict) -> dict[str, np.ndarray]:
     """States ``(N,)`` that the effects bring, followed along the measured trajectory from their initial values."""
     s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
@@ -145,7 +173,7 @@ def _effect_states(plant: Plant, run: Run, motion: Motion, z: np.ndarray, values
     rates = ca.Function("rates", [s, w, theta], [ca.vertcat(*(item[0] for item in relaxing)),
                                                  ca.vertcat(*(item[1] for item in relaxing))])  # fmt: skip
     given = np.vstack([run.input(name) for name in plant.inputs])
-    column = plant.theta(values, _no_ranges() | {"p1_high": 1e9, "p2_high": 1e9}, run.own.mass)
+    column = plant.theta(values, _OPEN_RANGES, run.own.mass)
     known = {"x": motion.x, "v": motion.v, "z": z}
     known |= {name: _averaged(run.measured(name)) for name in ("p1", "p2") if name in plant.outputs}
     found = {state.name: np.full(run.n, state.initial) for state in plant.effect_states}
@@ -161,10 +189,6 @@ def _effect_states(plant: Plant, run: Run, motion: Motion, z: np.ndarray, values
                 track[k + 1] = settled[i, k] + (track[k] - settled[i, k]) * forget[i, k]
             found[state.name] = track
     return found
-
-
-def _no_ranges() -> dict[str, float]:
-    return {"p1_low": 0.0, "p1_high": 1.0, "p2_low": 0.0, "p2_high": 1.0, "x_low": 0.0, "x_high": 1.0}
 
 
 def _averaged(y: np.ndarray) -> np.ndarray:

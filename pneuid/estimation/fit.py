@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pneuid.errors import UserError
-from pneuid.estimation.first_guess import first_guess, first_nodes, motions
+from pneuid.estimation.first_guess import first_guess, first_nodes, follows_state, motions
 from pneuid.estimation.own import declared
 from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
 from pneuid.estimation.shooting import NODE_EVERY, TIGHT, Shooting, relaxed_smoothing
@@ -32,6 +32,12 @@ DOUBTFUL = 4.0
 
 SOFTER = {"sigma0": 0.3, "sigma1": 0.6, "vs": 2.0}
 """Another start of the pre-sliding parameters, relative to the first, tried where that one does not lead to an exact fit."""
+
+REREADS = 3
+"""Times at most that the bristle is read again at the friction laws found."""
+
+REREAD_GAIN = 0.01
+"""Relative fall of the relaxed cost that makes another reading worth it."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +140,8 @@ def fit(
     ends: list[_End] = []
     for one in _starts(plant, runs, start or {}, exact):
         problem, soft = _relaxed_fit(plant, recordings, runs, one, nodes or {}, monitor)
+        if exact:
+            problem, soft = _reread(plant, recordings, runs, (problem, soft), nodes or {}, monitor)
         ends.append(_exact_end(problem, soft, monitor) if exact else _End(problem, soft))
         if ends[-1].interrupted or ends[-1].settled or (not one and not ends[-1].near):
             break  # from the data's own guess a model that ends far off is wrong, not badly started
@@ -141,6 +149,32 @@ def fit(
     found = result_of(best.problem, levels, best.soft, best.hard, time.monotonic() - began)
     if ends[-1].interrupted:
         raise Interrupted(replace(found, converged=False, status=f"interrupted, best so far; {found.status}"))
+    return found
+
+
+def _reread(
+    plant: Plant,
+    recordings: Sequence[Recording],
+    runs: tuple[Run, ...],
+    found: tuple[Shooting, Relaxed],
+    known: Mapping[str, np.ndarray],
+    monitor: Monitor | None,
+) -> tuple[Shooting, Relaxed]:
+    """The relaxed fit again with the bristle read at the friction laws just found, as long as that brings it down.
+
+    Laws start at zero, so the first bristle is that of no pressure: a stick under another one then breaks away in the wrong
+    interval, and no step leads out of that.
+    """
+    if not follows_state(plant):
+        return found
+    for _ in range(REREADS):
+        problem, soft = found
+        if soft.outcome.status == INTERRUPTED or _End(problem, soft).near:
+            break
+        again = _relaxed_fit(plant, recordings, runs, values_at(problem, soft.outcome.X), known, monitor)
+        if again[1].outcome.status != INTERRUPTED and again[1].loose_cost > (1.0 - REREAD_GAIN) * soft.loose_cost:
+            break
+        found = again
     return found
 
 
