@@ -32,7 +32,7 @@ from controllers.references import Sine, Smooth, Steps
 from controllers.registry import CONTROLLERS
 from controllers.scenario import Recordings, Scenario
 from controllers.tables import chosen, largest, rms, tables
-from controllers.tuning import Design
+from controllers.tuning import ALPHA, Design
 from pneuid.model import load
 from pneuid.pool import Pool, open_pool
 from pneuid.store import Store
@@ -40,7 +40,6 @@ from pneuid.virtual_rig.friction import FRICTION_2011
 from pneuid.virtual_rig.hidden import NOTHING, Hidden
 from pneuid.virtual_rig.truth import TruthServo
 
-ALPHA = 0.8
 SUPPLIES = (3.0, 5.0, 7.0)
 AVERAGE = "constant friction, all pressures"
 SINE = Sine("sine 1 Hz", 0.25, 3.0, 0.05, 1.0, 0.5)

@@ -28,7 +28,8 @@ FASTEST = 20.0
 class ObserverGains:
     """bandwidth : of the extended state observer, rad/s; pressure_trust : share of a pressure innovation that is
     believed, 0..1; alpha : share of the model's friction that is believed from the start; learning : rate in 1/s at
-    which the residual force that looks like friction moves this share, by at most ``1 - alpha`` (0: never)."""
+    which the residual force that looks like friction moves this share, down by at most ``1 - alpha`` and up by at most
+    twice that (0: never)."""
 
     bandwidth: Any
     pressure_trust: Any
@@ -83,8 +84,9 @@ def _learned(
     """Residual and share of friction after one sample; what the share gains the residual loses.
 
     A residual in proportion to the model's friction turns round with the motion and an integrating observer sees it
-    too late. It is learned in sliding only, where friction is near its steady value, and within what ``alpha`` held
-    back; nothing is learned for a model that is not believed at all (``alpha = 0``).
+    too late. It is learned in sliding only, where friction is near its steady value, and as far above the model's friction
+    as ``alpha`` is below it: friction that has grown and may not be learned is left to the residual, which sticks and slips.
+    Nothing is learned for a model that is not believed at all (``alpha = 0``).
     """
     stages = model.plant.evaluate(s, [model.neutral, model.named(theta, "patm")], theta)
     force, level = stages.friction, stages.coefficients.Fc
@@ -92,7 +94,7 @@ def _learned(
     fit = residual * force / (force**2 + level**2)
     sliding = ca.fabs(force) > 0.8 * level
     wanted = share + ca.if_else(sliding, ca.fmin(gains.learning * sample_time, 1.0) * fit, 0.0)
-    new = ca.fmin(ca.fmax(wanted, -limit), limit)
+    new = ca.fmin(ca.fmax(wanted, -limit), 2.0 * limit)
     return residual - (new - share) * force, new
 
 

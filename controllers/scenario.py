@@ -13,7 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from controllers.conditions import AS_KNOWN, Condition
 from controllers.references import Ramp, Reference, Sine, Smooth, Steps
 from controllers.registry import CONTROLLERS
-from controllers.tuning import Design
+from controllers.tuning import ALPHA, Design
 from pneuid.effects import CATALOGUE
 from pneuid.errors import UserError
 from pneuid.units import parse_quantity
@@ -130,7 +130,7 @@ class _Random(_Table):
 
 class _Design(_Table):
     supply: Gauge
-    alpha: float = Field(default=0.8, ge=0.0, le=1.0)
+    alpha: float = Field(default=ALPHA, ge=0.0, le=1.0)
     hold: Length = 1e-5
     refine: bool = True
 

@@ -10,6 +10,7 @@ import pytest
 
 from controllers import loop
 from controllers.base import Controller, Measurement
+from controllers.conditions import scaled
 from controllers.control_model import ControlModel
 from controllers.nominal import nominal_model, rig_of
 from controllers.references import Sine, Smooth, Steps
@@ -19,6 +20,7 @@ from pneuid.effects import CATALOGUE, effects_by_name
 from pneuid.plant import Plant
 from pneuid.virtual_rig.friction import FRICTION_2011
 from pneuid.virtual_rig.hidden import Hidden
+from pneuid.virtual_rig.sensors import CONTROL_SENSORS
 from pneuid.virtual_rig.servo import ServoPlant
 from pneuid.virtual_rig.truth import TruthServo
 
@@ -29,6 +31,7 @@ DESIGN = Design(FIVE_BAR)
 SINE = Sine("sine", 0.25, 2.0, 0.05, 1.0, 0.5)
 RANDOM = Smooth("random", 0.25, 2.5, 0.06, 1.5, 0.5, seed=3)
 STEPS = Steps("steps", 0.2, 2.0, (0.05, 0.051), 1.0, 0.4)
+FIRST_MOVE = Steps("first move", 0.15, 1.3, (0.01,), 1.2, 0.4)
 REST = Steps("rest", 0.2, 1.2, (), 1.0, 0.4)
 
 NAMES = list(CONTROLLERS)
@@ -221,6 +224,18 @@ def test_steady_state(name, made):
 def test_no_limit_cycle_when_the_model_is_wrong(name, truth, hidden, made):
     found = loop.metrics(loop.run(made(name), ServoPlant(truth, hidden), STEPS, FIVE_BAR, seed=1))
     assert found.wander < 100e-6
+
+
+@pytest.mark.parametrize("name", ["servo", "nmpc"])
+@pytest.mark.parametrize(("share", "noise"), [(0.7, 2e-6), (1.0, 20e-6)], ids=["friction x0.7", "noise 20 um"])
+def test_no_hunting_after_the_first_move(name, share, noise, made):
+    """Friction is learned within the first move, a tenth of a second: what ``alpha`` holds back, or has too much, would
+    let the axis stick and slip in the dwell after it."""
+    plant = ServoPlant(
+        replace(SEALS_2011, friction=scaled(FRICTION_2011, share)), sensors=replace(CONTROL_SENSORS, x_noise=noise)
+    )
+    for seed in (1, 2):
+        assert loop.metrics(loop.run(made(name, "2011"), plant, FIRST_MOVE, FIVE_BAR, seed=seed)).wander < 100e-6
 
 
 def test_pressure_laws_pay_where_the_supply_left_the_tuning_point(made):

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controllers import loop
+from controllers.conditions import scaled
 from controllers.control_model import ControlModel
 from controllers.horizon import build_horizon
 from controllers.inplace import InPlace
@@ -150,15 +151,17 @@ def test_the_residual_is_the_force_that_the_model_does_not_know():
     assert servo.memory[BASE.states] == pytest.approx(expected, rel=0.05)
 
 
-def test_the_share_of_friction_is_learned_within_what_alpha_held_back():
-    light = replace(TRUTH, friction=replace(TRUTH.friction, Fc=8.4, Fs=14.0, sigma2=31.5))
+def test_the_share_of_friction_is_learned_up_and_down():
+    light = replace(TRUTH, friction=scaled(TRUTH.friction, 0.7))
+    heavy = replace(TRUTH, friction=scaled(TRUTH.friction, 1.2))
     learned = {}
-    for label, truth in (("lighter", light), ("right", TRUTH)):
+    for label, truth in (("lighter", light), ("right", TRUTH), ("heavier", heavy)):
         servo = build("servo", BASE, Design(SUPPLY), refined=False)
         loop.run(servo, ServoPlant(truth), Sine("sine", 0.25, 2.0, 0.05, 1.0, 0.5), SUPPLY, seed=1)
-        learned[label] = 0.8 + servo.memory[BASE.states + 1]
+        learned[label] = servo.gains.alpha + servo.memory[BASE.states + 1]
     assert learned["right"] == pytest.approx(1.0, abs=0.05)
     assert learned["lighter"] == pytest.approx(0.7, abs=0.1)
+    assert learned["heavier"] == pytest.approx(1.2, abs=0.1)
 
 
 # --- horizon ---

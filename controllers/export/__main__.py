@@ -13,7 +13,7 @@ from rich.console import Console
 from controllers.export.bundle import BUNDLES
 from controllers.export.io_system import control_model
 from controllers.export.pieces import tuned
-from controllers.tuning import Design
+from controllers.tuning import ALPHA, Design
 from pneuid import api
 from pneuid.errors import UserError
 from pneuid.model import Model
@@ -44,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
         help="C99 source (the default), FMI 2.0 units, or python-control matrices and plots",
     )
     found.add_argument(
-        "--alpha", type=float, default=0.8, help="share of the friction model that is believed, 0 to 1 (0.8)"
+        "--alpha", type=float, default=ALPHA, help=f"share of the friction model that is believed, 0 to 1 ({ALPHA})"
     )
     add_output_options(found)
     return found

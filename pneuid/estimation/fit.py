@@ -160,7 +160,7 @@ def _reread(
     known: Mapping[str, np.ndarray],
     monitor: Monitor | None,
 ) -> tuple[Shooting, Relaxed]:
-    """The relaxed fit again with the bristle read at the friction laws just found, as long as that brings it down.
+    """The relaxed fit again with the bristle read at the friction laws just found, until it is near or no longer comes down.
 
     Laws start at zero, so the first bristle is that of no pressure: a stick under another one then breaks away in the wrong
     interval, and no step leads out of that.
@@ -172,7 +172,8 @@ def _reread(
         if soft.outcome.status == INTERRUPTED or _End(problem, soft).near:
             break
         again = _relaxed_fit(plant, recordings, runs, values_at(problem, soft.outcome.X), known, monitor)
-        if again[1].outcome.status != INTERRUPTED and again[1].loose_cost > (1.0 - REREAD_GAIN) * soft.loose_cost:
+        interrupted = again[1].outcome.status == INTERRUPTED
+        if not (interrupted or _End(*again).near or again[1].loose_cost < (1.0 - REREAD_GAIN) * soft.loose_cost):
             break
         found = again
     return found

@@ -1,0 +1,87 @@
+"""Where a fit of friction laws starts: the bristle at the measured pressures, read again at the laws found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from controllers.measure import rig_of
+from controllers.nominal import nominal_model
+from pneuid.effects import effects_by_name
+from pneuid.estimation import fit as fitting
+from pneuid.estimation.first_guess import first_nodes, follows_state
+from pneuid.estimation.preparation import noise_of, prepare
+from pneuid.estimation.solver import INTERRUPTED
+from pneuid.plant import Plant
+from pneuid.recording import Recording
+from pneuid.virtual_rig import ATMOSPHERE, record_servo
+from pneuid.virtual_rig.friction import FRICTION_2011
+from pneuid.virtual_rig.truth import TruthServo
+
+TRUTH = replace(TruthServo(), friction=FRICTION_2011)
+
+
+@pytest.mark.parametrize("excitation", ["slow", "multisine"])
+def test_the_first_bristle_is_that_of_the_measured_pressures(excitation):
+    """At the true laws it is off by the noise of the force alone, in a stick and while sliding; clipped at the static force
+    of zero gauge, or with its viscous friction, it would be off by 6 to 9 um."""
+    rig = rig_of(TRUTH, {"run.csv": 7.0})
+    record = record_servo(TRUTH, excitation=excitation, duration=2.0, seed=3, supply=7e5 + ATMOSPHERE, with_truth=True)
+    run = Recording.from_arrays("run.csv", rig, **{name: record[name] for name in ("t", "u", "x", "p1", "p2")})
+    known, theta = nominal_model(TRUTH)
+    values = dict(zip(known.theta_names, theta, strict=True))
+    plant = Plant(rig, "lugre", effects_by_name(["friction_pressure"]))
+    ready = prepare(run, plant, noise_of(rig, [run]))
+    z = first_nodes(plant, [ready], [ready.motion], {name: values[name] for name in plant.parameter_names}, 1)[-1]
+    assert np.sqrt(np.mean((z - record["true_z"]) ** 2)) < 3e-6
+    assert np.std(record["true_z"]) > 1e-5
+
+
+@pytest.mark.parametrize(("effects", "follows"), [((), False), (("gravity",), False), (("friction_pressure",), True)])
+def test_only_friction_that_follows_the_state_is_read_again(effects, follows):
+    assert follows_state(Plant(rig_of(TRUTH, {}), "lugre", effects_by_name(effects))) is follows
+
+
+@dataclass
+class Stub:
+    """A relaxed fit that ended so: its cost, the level of its defects, its relaxation and status."""
+
+    loose_cost: float
+    level: float = 2.0
+    relaxation: float = fitting.TIGHT
+    status: str = "Solve_Succeeded"
+    X: float = 0.0
+
+    @property
+    def outcome(self):
+        return self
+
+
+@pytest.mark.parametrize(
+    ("ends", "taken", "tried"),
+    [
+        ([100.0, 50.0, 49.9], 50.0, 2),  # no longer coming down
+        ([100.0, 90.0, 80.0, 70.0, 60.0], 70.0, 3),  # not for ever
+        ([Stub(100.0, level=0.1), 50.0], 100.0, 0),  # near already
+        ([100.0, Stub(120.0, level=0.1), 50.0], 120.0, 1),  # near enough for the exact stage, which will judge it
+        ([100.0, Stub(90.0, status=INTERRUPTED), 50.0], 90.0, 1),
+    ],
+)
+def test_the_bristle_is_read_again_while_that_helps(ends, taken, tried, monkeypatch):
+    plant = Plant(rig_of(TRUTH, {}), "lugre", effects_by_name(["friction_pressure"]))
+    ends = [end if isinstance(end, Stub) else Stub(end) for end in ends]
+    first, later = ends[0], iter(ends[1:])
+    asked = []
+
+    def relaxed(_plant, _recordings, _runs, start, _known, _monitor):
+        asked.append(start)
+        end = next(later)
+        return end, end
+
+    monkeypatch.setattr(fitting, "_relaxed_fit", relaxed)
+    monkeypatch.setattr(fitting, "values_at", lambda problem, _X: {"Fc": problem.loose_cost})
+    _, soft = fitting._reread(plant, [], (), (first, first), {}, None)
+    assert soft.loose_cost == taken
+    assert asked == [{"Fc": end.loose_cost} for end in ends[:tried]]
