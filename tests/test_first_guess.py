@@ -63,7 +63,7 @@ class Stub:
     ("ends", "taken", "tried"),
     [
         ([100.0, 50.0, 49.9], 50.0, 2),  # no longer coming down
-        ([100.0, 90.0, 80.0, 70.0, 60.0], 70.0, 3),  # not for ever
+        ([100.0, 90.0, 80.0, 70.0], 80.0, 2),  # not for ever
         ([Stub(100.0, level=0.1), 50.0], 100.0, 0),  # near already
         ([100.0, Stub(120.0, level=0.1), 50.0], 120.0, 1),  # near enough for the exact stage, which will judge it
         ([100.0, Stub(90.0, status=INTERRUPTED), 50.0], 90.0, 1),

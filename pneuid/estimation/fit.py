@@ -33,7 +33,7 @@ DOUBTFUL = 4.0
 SOFTER = {"sigma0": 0.3, "sigma1": 0.6, "vs": 2.0}
 """Another start of the pre-sliding parameters, relative to the first, tried where that one does not lead to an exact fit."""
 
-REREADS = 3
+REREADS = 2
 """Times at most that the bristle is read again at the friction laws found."""
 
 REREAD_GAIN = 0.01
