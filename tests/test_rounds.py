@@ -158,11 +158,19 @@ def test_an_amplitude_of_a_second_look_is_at_least_typical():
 
 def test_rivals_explain_both_kinds_of_runs_alike_whatever_their_group():
     best = (score("valve_lag", 800.0), stub(1.0, 26_333.0))
-    near = (score("line_delay", 790.0), stub(1.2, 26_343.0))
+    near = (score("line_delay", 790.0), stub(1.1, 26_343.0))
     worse_ahead = (score("channel_skew", 780.0), stub(9.0, 26_340.0))
-    worse_in_training = (score("gravity", 770.0), stub(1.2, 27_500.0))
+    worse_in_training = (score("gravity", 770.0), stub(1.1, 27_500.0))
     tried = [best, near, worse_ahead, worse_in_training]
-    assert _rivals(best, tried, FIRST) == ("line_delay",)
+    assert _rivals(best, tried, FIRST, JUDGE) == ("line_delay",)
+
+
+def test_beside_an_effect_that_leaves_noise_alone_a_rival_must_leave_noise_alone():
+    tried = [(score("valve_lag", 800.0), stub(1.02, 26_333.0)), (score("channel_skew", 790.0), stub(1.4, 26_343.0))]
+    assert _rivals(tried[0], tried, FIRST, JUDGE) == ()
+    # where the best one leaves more than noise, a lead of that size is an accident
+    tried = [(score("valve_lag", 800.0), stub(4.0, 26_333.0)), (score("channel_skew", 790.0), stub(4.4, 26_343.0))]
+    assert _rivals(tried[0], tried, FIRST, JUDGE) == ("channel_skew",)
 
 
 def test_a_candidate_that_made_things_worse_stays_where_screening_put_it():

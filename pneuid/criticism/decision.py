@@ -100,7 +100,7 @@ def diagnose(
             break
         rungs.append(_rung(chosen[1], judge, True))
         named.append(chosen[0].effect.name)
-        ambiguous[named[-1]] = _rivals(chosen, tried, current)
+        ambiguous[named[-1]] = _rivals(chosen, tried, current, judge)
         before, after = np.sqrt(current.error), np.sqrt(chosen[1].error)
         say(f"{named[-1]} accepted: held-out error {before:.1f} -> {after:.1f} floors")
         current = chosen[1]
@@ -140,13 +140,18 @@ def _record(
     )  # fmt: skip
 
 
-def _rivals(chosen: tuple[Score, Trial], tried: Tried, current: Trial) -> tuple[str, ...]:
-    """Other effects that explain the held-out runs and the training runs about as well as the chosen one."""
+def _rivals(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge) -> tuple[str, ...]:
+    """Other effects that explain the held-out runs and the training runs about as well as the chosen one.
+
+    Where that one leaves noise alone, so must they.
+    """
     excess = max(current.error - 1.0, 1e-12)
+    clean = chosen[1].error - 1.0 < judge.small
 
     def alike(trial: Trial) -> bool:
         before, best, other = costs(current, chosen[1], trial)
         ahead = (trial.error - chosen[1].error) / excess < TELLING
+        ahead = ahead and (trial.error - 1.0 < judge.small or not clean)
         return ahead and other - best < max(TELLING * (before - best), SURE)
 
     return tuple(score.effect.name for score, trial in tried if score is not chosen[0] and alike(trial))
