@@ -21,7 +21,7 @@ from pneuid.physics.friction import LAWS
 from pneuid.report.reports import identify_report
 from pneuid.report.summary import metrics_json, summary_lines
 from pneuid.rig import Rig
-from pneuid.story import Runs, demo_runs, read_ladder, read_runs
+from pneuid.story import Runs, demo_files, demo_runs, read_ladder, read_runs
 from pneuid.terminal import (
     CommandParser,
     Progress,
@@ -105,13 +105,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for line in summary_lines(comparison):
         console.print(line)
     console.print(f"report: {folder / 'report.html'}")
-    if embedded:
+    if embedded and given.out is None:
         console.print("next: python -m pneuid.diagnose")
     else:
+        data, hold_out = (demo_files("train"), demo_files("hold_out")) if embedded else (given.data, given.hold_out)
         out = next_folder(folder, f"{folder.name}_diagnosed")
         model_file = folder / "model.json"
         line = command_line(
-            "pneuid.diagnose", model_file, data=given.data, hold_out=given.hold_out, effect_file=given.effect_file, out=[out]
+            "pneuid.diagnose", model_file, data=data, hold_out=hold_out, effect_file=given.effect_file, out=[out]
         )
         console.print(f"next: {line}")
 
