@@ -31,6 +31,7 @@ def build(page: Any) -> None:
     drawn: dict[Callable[[Any], None], Any] = {}
 
     def again() -> None:
+        """Draw what has changed."""
         # what shows the same stays: a menu that is open or a plot that is being dragged would be lost
         for box, draw, state in ((runs, _runs, _runs_state(page)), (shown, _right, _right_state(page))):
             if drawn.get(draw) != state:
@@ -145,6 +146,7 @@ def _upload(page: Any) -> None:
     bench = page.bench
 
     async def arrived(event: UploadEventArguments) -> None:
+        """Take one uploaded file into the project, or say why not."""
         name = event.file.name
         try:
             waiting = bench.project.incoming(name)

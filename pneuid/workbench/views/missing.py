@@ -140,6 +140,7 @@ def _signature(page: Any, name: str) -> None:
     drawn: list[bool] = []
 
     def draw() -> None:
+        """Draw the candidate the first time it is opened."""
         if drawn or not box.value:
             return
         opened.add(name)
