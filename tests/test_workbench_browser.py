@@ -58,6 +58,7 @@ def test_the_role_of_a_run_is_chosen_with_the_mouse(window):
         settings = window.site.folder / "workbench.json"
         window.wait(lambda: settings.exists() and json.loads(settings.read_text())["roles"]["train_3.csv"] == kept, 20, word)  # noqa: B023
     window.wait(lambda: not window.text("status"), 60, "the reader")
+    assert json.loads((window.site.folder / "workbench.json").read_text())["roles"]["train_3.csv"] == "train"
 
 
 @pytest.mark.parametrize(

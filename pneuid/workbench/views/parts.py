@@ -82,6 +82,7 @@ def live_job(page: Any, height: str = "250px") -> None:
     seen: dict[str, Any] = {"costs": len(job.costs) if job else 0, "sentences": 0, "words": ""}
 
     def refresh() -> None:
+        """Show what the job has said since."""
         now = bench.job
         if now is None:
             return
