@@ -31,8 +31,9 @@ RANGES = {"p1_low": 1.1e5, "p1_high": 8e5, "p2_low": 1.1e5, "p2_high": 8e5, "x_l
 STRENGTH = {
     "leakage_internal": {"G_leak": 2e-10}, "leakage_external_1": {"C_leak_1": 2e-10},
     "leakage_external_2": {"C_leak_2": 2e-10}, "dead_volume": {"dV01": 6e-6, "dV02": 4e-6},
-    "heat_transfer": {"heat_weight": 1.0, "h_wall": 60.0, "n": 1.39}, "supply_droop": {"r_supply": 0.5},
-    "line_delay": {"tau_line": 5e-3, "r_line": 0.5}, "exhaust_restriction": {"r_exhaust": 0.5},
+    "heat_transfer": {"heat_weight": 1.0, "h_wall": 60.0, "n": 1.39}, "inlet_mixing": {"mixing": 0.1},
+    "supply_droop": {"r_supply": 0.5}, "line_delay": {"tau_line": 5e-3, "r_line": 0.5},
+    "exhaust_restriction": {"r_exhaust": 0.5},
     "valve_offset": {"offset_valve": 0.02}, "valve_dead_zone": {"dead_zone": 0.03},
     "valve_asymmetry": {"asymmetry": 0.08}, "valve_lag": {"tau_valve": 5e-3}, "valve_hysteresis": {"play": 0.02},
     "valve_null_leakage": {"null_leak": 0.01}, "valve_critical_ratio": {"critical_ratio": 0.42},

@@ -142,6 +142,20 @@ def test_sliding_friction_answers_late_to_a_change_of_speed():
     assert expected == pytest.approx(-np.arctan(omega * tau), abs=0.01)
 
 
+def test_a_film_carries_over_a_reversal():
+    # fast one way, then at once fast the other way: |v| hardly changes, so neither does what the bristle levels off at
+    plant = plant_with("friction_lag", "stribeck")
+    h, tau, values = 1e-4, 0.03, {"sigma2": 0.0, "Fc": 12.0, "Fs": 20.0, "vs": 0.008}
+    v = np.concatenate([np.full(4000, 0.1), np.full(400, -0.1)])
+    force = moved(plant, v, h, values | {"tau_L": tau})[0]
+    assert np.all(np.abs(force[3900:3999] - 12.0) < 0.05)
+    # settled 5 ms after the reversal, long before a signed speed delayed by 30 ms would have passed the Stribeck bump
+    assert np.all(np.abs(force[4060:] + 12.0) < 0.1)
+    late = moved(plant, np.concatenate([np.full(4000, 0.1), np.full(3000, 1e-4)]), h, values | {"tau_L": tau})[0]
+    assert late[4050] < 13.0, "the film is still there"
+    assert late[-1] > 19.0, "it is squeezed out within a few delays"
+
+
 # --- Maxwell slip ---
 
 ELEMENT = {"W_element": 10.0, "d_element": 1e-4, "Fc": 1e-6, "Fs": 1e-6, "sigma1": 0.0, "sigma2": 0.0}

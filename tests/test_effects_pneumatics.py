@@ -170,6 +170,33 @@ def test_a_tube_is_a_conductance_in_series_with_every_edge(u):
         assert float(getattr(with_it, name)) == pytest.approx(float(getattr(without, name)) / np.sqrt(1.5), rel=1e-5)
 
 
+# --- inlet mixing ---
+
+
+@pytest.mark.parametrize("u", [7.0, -7.0])
+@pytest.mark.parametrize("v", [0.0, 0.3])
+def test_air_that_enters_and_air_that_leaves_have_exponents_of_their_own(u, v):
+    d, n = 0.15, 1.2
+    stages = at(plant_with("inlet_mixing"), {"u": u, "v": v}, {"mixing": d, "n": n})
+    for number, (p, V, V_rate, mdot) in enumerate(
+        (
+            (SERVO_POINT["p1"], rig().V01 + rig().A1 * 0.25, rig().A1 * v, float(stages.mdot1)),
+            (SERVO_POINT["p2"], rig().V02 + rig().A2 * (rig().stroke - 0.25), -rig().A2 * v, float(stages.mdot2)),
+        )
+    ):
+        of_flow = n + d if mdot > 0 else n - d
+        expected = (of_flow * R_AIR * T * mdot - n * p * V_rate) / V
+        assert float(stages.explicit[2 + number]) == pytest.approx(expected, rel=1e-6)
+    assert float(stages.mdot1) * float(stages.mdot2) < 0, "one fills while the other empties"
+
+
+def test_mixing_adds_nothing_where_nothing_flows():
+    still = {"p1": rig().patm, "p2": rig().patm, "psup": rig().patm}
+    plain, mixed = at(plant_with(), still), at(plant_with("inlet_mixing"), still, {"mixing": 0.3})
+    for number in (2, 3):
+        assert float(mixed.explicit[number]) == pytest.approx(float(plain.explicit[number]), abs=1e-6)
+
+
 # --- exhaust, null leakage, critical ratio ---
 
 

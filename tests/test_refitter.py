@@ -55,7 +55,7 @@ def _forbidden(*_: object) -> Fit:
     raise AssertionError("made again")
 
 
-@pytest.mark.parametrize("change", ["start", "gain", "base"])
+@pytest.mark.parametrize("change", ["start", "gain", "way", "base"])
 def test_what_decides_a_refit_is_in_its_key(change, tmp_path, monkeypatch):
     base, store = base_fit("leakage_internal"), Store(tmp_path / "known.jsonl")
     monkeypatch.setattr("pneuid.criticism.refitter.refit", lambda *_: base)
@@ -66,6 +66,7 @@ def test_what_decides_a_refit_is_in_its_key(change, tmp_path, monkeypatch):
     other = {
         "start": Asked(asked.effect, {"G_leak": 2e-10}, asked.gain, asked.thorough),
         "gain": Asked(asked.effect, asked.start, 0.2, asked.thorough),
+        "way": Asked(asked.effect, asked.start, asked.gain, asked.thorough, 1.0),
     }.get(change, asked)
     if change == "base":
         base = base_fit("leakage_internal", 2)

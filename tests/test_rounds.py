@@ -149,6 +149,24 @@ def test_a_second_look_takes_what_acts_on_the_loudest_balance_and_was_not_tried(
     assert refitter.made == ["backlash", "friction_lag"] == [item.effect.name for item, _ in found]
 
 
+def test_a_second_look_ends_with_the_effect_that_explains_all(monkeypatch):
+    monkeypatch.setattr(rounds, "equation_defects", lambda _: [])
+    monkeypatch.setattr(rounds, "_typical_start", lambda *_: {})
+    errors = {"gravity": 50.0, "backlash": 1.05, "friction_lag": 1.0}
+    refitter = Counting()
+    judge = SimpleNamespace(spread=0.02, small=0.15, trial=lambda _fit, name: stub(errors[name], 27_000.0, name))
+    scores = [score(name, 5.0) for name in errors]
+    found = rounds.second_looks(FIRST, scores, [], judge, refitter, lambda _: None)
+    assert [item.effect.name for item, _ in found] == ["gravity", "backlash"]
+
+
+@pytest.mark.parametrize(("left", "much"), [(0.3, True), (0.2, False)])
+def test_a_leading_effect_that_leaves_a_quarter_of_the_excess_leaves_much(left, much):
+    excess = FIRST.error - 1.0
+    assert rounds.leaves_much((SCORES[0], stub(1.0 + left * excess, 1.0)), FIRST) is much
+    assert rounds.leaves_much(None, FIRST)
+
+
 def test_an_amplitude_of_a_second_look_is_at_least_typical():
     plant = SimpleNamespace(rig=SimpleNamespace(mass=1.0, A1=8e-4, A2=7e-4, patm=1e5), law=None)
     current = SimpleNamespace(fit=SimpleNamespace(plant=plant))

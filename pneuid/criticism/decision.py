@@ -18,7 +18,7 @@ from pneuid.criticism.defects import equation_defects, node_jumps
 from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.rounds import Say, Tried, accepted, costs, refitted, same_floor, second_looks
+from pneuid.criticism.rounds import Say, Tried, accepted, costs, leaves_much, refitted, same_floor, second_looks
 from pneuid.criticism.screening import Score, screen
 from pneuid.criticism.trial import Judge, Trial, judge_of
 from pneuid.effect import Effect
@@ -89,7 +89,7 @@ def diagnose(
         tried = refitted(current, first, scores, judge, refitter, say)
         judge, current, first, tried = same_floor(judge, current, first, tried)
         chosen = accepted(tried, current, first, judge)
-        if chosen is None and not named and _loudest(current) > DEFECT_RATIO:
+        if not named and leaves_much(chosen, current) and _loudest(current) > DEFECT_RATIO:
             tried += second_looks(current, scores, tried, judge, refitter, say)
             judge, current, first, tried = same_floor(judge, current, first, tried)
             chosen = accepted(tried, current, first, judge)

@@ -45,6 +45,10 @@ differs in form from the catalogue, what is left attracts others, by 2 to 4 %.""
 SECOND_LOOKS = 6
 """Effects on the loudest balance refitted where the leading ones do not help: a linear prediction misses what acts in jerks."""
 
+FAR = 0.25
+"""Share of the excess left by the best of the leading effects above which others get a second look as well: a lag or a
+memory shows little of itself in a linear prediction from zero, and its place is taken by what imitates it."""
+
 TYPICAL = 3.0
 """Amplitude, in units of its scale, from which such an effect is refitted."""
 
@@ -88,16 +92,20 @@ def refitted(
 def second_looks(
     current: Trial, scores: Sequence[Score], tried: Tried, judge: Judge, refitter: Refitter, say: Say
 ) -> Tried:
-    """Trials with effects that act on the loudest balance and have not been tried, from typical amplitudes."""
+    """Trials with untried effects that act on the loudest balance, from typical amplitudes, until one explains all."""
     loudest = max(equation_defects(current.fit), key=lambda item: item.rms / max(item.expected_rms, 1e-12), default=None)
     acting = ACTING_ON[loudest.equation if loudest else "force"]
     known = {score.effect.name for score, _ in tried}
     left = [score for score in scores if score.effect.equation in acting and score.effect.name not in known][:SECOND_LOOKS]
     if left:
-        say(f"none of these helps; a second look at what acts on {', '.join(acting)}")
-    asked = [Asked(score.effect, _typical_start(current, score), score.gain) for score in left]
-    made = refitter.each(current.fit, asked)
-    return [(score, _tried(current, score, make, judge, say)) for score, (_, make) in zip(left, made, strict=True)]
+        say(f"these leave much; a second look at what acts on {', '.join(acting)}")
+    asked = [Asked(score.effect, _typical_start(current, score), score.gain, way=1.0) for score in left]
+    looked: Tried = []
+    for score, (_, make) in zip(left, refitter.each(current.fit, asked), strict=True):
+        looked.append((score, _tried(current, score, make, judge, say)))
+        if _all_explained(looked[-1][1], current, judge):
+            break  # nothing is left for the others to explain
+    return looked
 
 
 def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[Score, Trial] | None:
@@ -115,6 +123,11 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[
         if excess > 0 and fall > 3 * judge.spread and share and drop > least and _inside_bounds(score, trial):
             good.append((score, trial))
     return min(good, key=lambda item: item[1].error) if good else None
+
+
+def leaves_much(chosen: tuple[Score, Trial] | None, current: Trial) -> bool:
+    """Whether the best of the effects refitted so far, if any, leaves much of the excess."""
+    return chosen is None or chosen[1].error - 1.0 > FAR * (current.error - 1.0)
 
 
 def same_floor(judge: Judge, current: Trial, first: Trial, tried: Tried) -> tuple[Judge, Trial, Trial, Tried]:

@@ -22,6 +22,7 @@ from pneuid.effects.friction_viscous_nonlinear import FrictionViscousNonlinear
 from pneuid.effects.friction_warmup import FrictionWarmup
 from pneuid.effects.gravity import Gravity
 from pneuid.effects.heat_transfer import HeatTransfer
+from pneuid.effects.inlet_mixing import InletMixing
 from pneuid.effects.leakage_external_1 import LeakageExternal1
 from pneuid.effects.leakage_external_2 import LeakageExternal2
 from pneuid.effects.leakage_internal import LeakageInternal
@@ -64,6 +65,7 @@ _ORDER = (
     LeakageExternal2(),
     DeadVolume(),
     HeatTransfer(),
+    InletMixing(),
     FrictionPressure(),
     FrictionDirection(),
     FrictionPosition(),

@@ -22,7 +22,7 @@ class ExhaustRestriction(Effect):
     equation = "valve"
     reference = _SOURCE
     experiment = "large fast steps that vent either chamber from high pressure"
-    confused_with = ("supply_droop", "valve_critical_ratio")
+    confused_with = ("supply_droop", "valve_critical_ratio", "inlet_mixing")
     rigs = ("servo",)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:

@@ -34,13 +34,13 @@ class FrictionDwell(Effect):
     experiment = "break-away by slow ramps after dwells of different length"
     confused_with = ("friction_lag", "friction_warmup")
     guarantees = ("dissipative",)
-    states = (State("age", "1", 0.5, 0.5, 0.5),)
+    states = (State("age", "1", 0.5, 0.5, 0.05),)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """Rise of the static friction after a long rest, its time constant, the slip that wipes it out."""
         force = max(2.0, 0.01 * rig.A1 * 1e6)
         return (
-            Parameter("Fs_dwell", "ΔF_s", "N", 0.0, 1e2 * force, 0.0, force, _SOURCE, off=0.0),
+            Parameter("Fs_dwell", "ΔF_s", "N", 0.0, 5.0 * force, 0.0, force, _SOURCE, off=0.0),
             Parameter("tau_dwell", "τ_d", "s", 1e-2, 1e4, 0.5, 1.0, _SOURCE, positive=True, prior=1.5),
             Parameter("slip_dwell", "D", "m", 5e-6, 5e-3, 1e-4, 1.0, _SLIP, positive=True, prior=1.0),
         )

@@ -5,20 +5,22 @@ from __future__ import annotations
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
 from pneuid.physics.lag import vanishing_lag
+from pneuid.physics.smoothing import absolute
 from pneuid.rig import Rig
 
 _SOURCE = (
-    "Hess, Soom, ASME J. Tribology 112 (1990) 147 (delay 3 to 9 ms); Armstrong-Helouvry, Dupont, Canudas de Wit, "
-    "Automatica 30 (1994) 1083 (seven-parameter model, frictional memory)"
+    "Hess, Soom, ASME J. Tribology 112 (1990) 147 (delay 3 to 9 ms); Tran, Yanada, Intelligent Control and "
+    "Automation 4 (2013) 180 (cylinders: the thickness of the oil film is a state that follows the magnitude of the speed)"
 )
 _SHORTEST = 2.0e-3
 """Delay in s above which the lag is a plain first-order one."""
 
 
 class FrictionLag(Effect):
-    """The Stribeck curve is read at ``v`` delayed by ``tau_L``: ``g(v_l)``, first-order lag, in place of ``g(v)``.
+    """The Stribeck curve is read at ``|v|`` delayed by ``tau_L``: ``g(v_l)``, first-order lag, in place of ``g(v)``.
 
-    Typical: 1 to 50 ms, longer with thicker oil.
+    The magnitude, since a film carries over a reversal: it is as thick just after as just before. Typical: 1 to 50 ms, longer
+    with thicker oil.
     """
 
     name = "friction_lag"
@@ -35,14 +37,15 @@ class FrictionLag(Effect):
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """The delay."""
-        return (Parameter("tau_L", "τ_L", "s", 0.0, 0.5, 0.0, 3e-3, _SOURCE, off=0.0),)
+        return (Parameter("tau_L", "τ_L", "s", 0.0, 0.5, 0.0, 5e-3, _SOURCE, off=0.0),)
 
     def stribeck_speed(self, v: Expression, scope: Scope) -> Expression:
         """The delayed speed; the bristle itself moves with the piston."""
         weight, _ = vanishing_lag(scope.p.tau_L, _SHORTEST)
-        return v - weight * (scope.v - scope.state.v_lagged)
+        speed, own = absolute(v, scope.smoothing.speed), absolute(scope.v, scope.smoothing.speed)
+        return speed - weight * (own - scope.state.v_lagged)
 
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
-        """The delayed speed follows the speed."""
+        """The delayed speed follows the magnitude of the speed."""
         _, time_constant = vanishing_lag(scope.p.tau_L, _SHORTEST)
-        return {"v_lagged": (scope.v, time_constant)}
+        return {"v_lagged": (absolute(scope.v, scope.smoothing.speed), time_constant)}

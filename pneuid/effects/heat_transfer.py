@@ -25,7 +25,7 @@ class HeatTransfer(Effect):
     equation = "pressure_1"
     reference = _SOURCE
     experiment = "large fast steps followed by dwells of a second or more with the valve closed"
-    confused_with = ("dead_volume", "leakage_internal")
+    confused_with = ("dead_volume", "leakage_internal", "inlet_mixing")
     rigs = ("servo",)
     states = (State("theta_1", "K", 0.0, 15.0, 3.0), State("theta_2", "K", 0.0, 15.0, 3.0))
 

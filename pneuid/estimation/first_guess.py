@@ -97,12 +97,14 @@ def _mechanics(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion]) -> di
     slow = np.abs(v) < 0.02 * top
     Fs = float(np.percentile(np.abs(force[slow]), 90)) if slow.sum() > 20 else 1.3 * Fc
     Fs = float(np.clip(Fs, 1.1 * Fc, 3.0 * Fc))
-    sigma0 = Fs / TYPICAL_DEFLECTION
-    guess = {
-        "Fc": Fc, "Fs": Fs, "vs": TYPICAL_VS, "sigma0": sigma0,
-        "sigma1": 0.4 * float(np.sqrt(sigma0 * plant.rig.mass)), "sigma2": sigma2,
-    }  # fmt: skip
+    guess = {"Fc": Fc, "Fs": Fs, "vs": TYPICAL_VS, "sigma2": sigma2, **typical_presliding(plant, Fs)}
     return {name: guess[name] for name in plant.law.fitted}
+
+
+def typical_presliding(plant: Plant, Fs: float) -> dict[str, float]:
+    """Stiffness in N/m and damping in N s/m of a seal that breaks away at ``Fs`` (N) after a typical deflection."""
+    sigma0 = Fs / TYPICAL_DEFLECTION
+    return {"sigma0": sigma0, "sigma1": 0.4 * float(np.sqrt(sigma0 * plant.rig.mass))}
 
 
 def first_guess(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion]) -> dict[str, float]:

@@ -1,0 +1,60 @@
+"""Other starts of the relaxed fit, where the data's own guess ends badly."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from pneuid.estimation import fit as fitting
+from pneuid.estimation.stages import Relaxed
+
+GUESS = {"Fc": 10.0, "Fs": 15.0, "vs": 0.01, "sigma0": 4e5, "sigma1": 200.0}
+FOUND = {"Fc": 9.0, "Fs": 20.0, "vs": 0.03, "sigma0": 1e5, "sigma1": 90.0}
+
+
+class _Ends:
+    """Relaxed fits with scripted costs in place of solved ones; keeps what each was started from."""
+
+    def __init__(self, monkeypatch, *costs: float, near: bool = False) -> None:
+        self.costs, self.asked, self.near = list(costs), [], near
+        monkeypatch.setattr(fitting, "_relaxed_fit", self.made)
+        monkeypatch.setattr(fitting, "first_guess", lambda *_: GUESS)
+        monkeypatch.setattr(fitting, "values_at", lambda *_: dict(FOUND))
+
+    def made(self, *given):
+        self.asked.append(dict(given[3]))
+        return self.end(self.costs.pop(0))
+
+    def end(self, cost: float):
+        outcome = SimpleNamespace(cost=cost, penalty=0.0, status="done", X=None)
+        return SimpleNamespace(relaxation=0.1 if self.near else 1.0), Relaxed(outcome, 0.1 if self.near else 2.0, cost)
+
+
+PLANT = SimpleNamespace(law=SimpleNamespace(static=False), rig=SimpleNamespace(mass=1.0))
+
+
+def _doubted(ends: _Ends, cost: float):
+    return fitting._doubted(PLANT, [], (), ends.end(cost), {}, None)[1].loose_cost
+
+
+def test_a_fit_that_ends_far_off_starts_softer_and_then_with_the_levels_found_there(monkeypatch):
+    ends = _Ends(monkeypatch, 800.0, 700.0)
+    assert _doubted(ends, 1000.0) == 700.0
+    soft, levels = ends.asked
+    assert soft == {"sigma0": pytest.approx(1.2e5), "sigma1": pytest.approx(120.0), "vs": pytest.approx(0.02)}
+    assert levels["Fs"] == 20.0
+    assert levels["sigma0"] == pytest.approx(20.0 / 4e-5), "of the level found, not of the first guess"
+
+
+@pytest.mark.parametrize("near", [True, False])
+def test_another_start_that_does_not_help_is_forgotten_and_the_last(monkeypatch, near):
+    ends = _Ends(monkeypatch, 999.0, near=near)
+    assert _doubted(ends, 1000.0) == 1000.0
+    assert len(ends.asked) == 1
+
+
+def test_a_fit_that_ends_near_starts_once_more_from_its_own_end(monkeypatch):
+    ends = _Ends(monkeypatch, 700.0, near=True)
+    assert _doubted(ends, 1000.0) == 700.0
+    assert [start["sigma0"] for start in ends.asked] == [1e5]
