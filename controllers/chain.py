@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
@@ -22,7 +22,8 @@ from pneuid.errors import ComputationError
 from pneuid.model import Model
 from pneuid.pool import Pool
 from pneuid.report import sections
-from pneuid.report.html import Paragraph, Picture, Section, Table, write_report
+from pneuid.report.html import Items, Paragraph, Picture, Section, Table, write_report
+from pneuid.report.quantities import change
 from pneuid.report.summary import metrics_json, summary_lines, verdict_lines
 from pneuid.resources import scenario_path
 from pneuid.story import Runs, demo_runs
@@ -30,6 +31,12 @@ from pneuid.terminal import Progress, write_json
 from pneuid.virtual_rig.truth import TruthServo
 
 BEFORE, AFTER = "before", "after"
+_NEXT = (
+    f"The models are in {BEFORE}/model.json and {AFTER}/model.json beside this file.",
+    f"C code of a servo or a predictive controller: python -m controllers.export {AFTER}/model.json --out c_code",
+    "Your own logs: python -m pneuid.workbench shows a file and writes its rig.toml; or python -m pneuid.identify --help",
+    "Every controller at every pressure and under disturbances: python -m controllers.study",
+)
 
 
 @dataclass(frozen=True)
@@ -111,10 +118,11 @@ def write_chain(chain: Chain, scenario: Scenario, truth: TruthServo, folder: Pat
         sections.ranking_section(diagnosis),
         _tracking_section(chain.results, rows, scenario, truth),
         sections.parameters(chain.after.model),
-        sections.errors(chain.after),
-        sections.where_it_fails(chain.before),
-        sections.overlays(chain.before),
+        replace(sections.errors(chain.after), heading="Errors after"),
+        replace(sections.where_it_fails(chain.before), heading="Where it failed before"),
+        replace(sections.overlays(chain.before), heading="Measured, and predicted by the model before"),
         sections.data_section(chain.before),
+        Section("What to do next", (Items(_NEXT),)),
     ]
     path = folder / "report.html"
     write_report(path, f"From measurement to control: {', '.join(diagnosis.effects)} found and added", parts)
@@ -126,7 +134,7 @@ def _tracking_section(
 ) -> Section:
     figure = errors_figure(results, truth.patm)
     cells = tuple(
-        (label, reference, f"{bar:g}", f"{was:.3f}", f"{now:.3f}", f"{100 * (now / was - 1):+.0f} %")
+        (label, reference, f"{bar:g}", f"{was:.3f}", f"{now:.3f}", change(was, now))
         for label, reference, bar, was, now in rows
     )
     heads = ("controller", "reference", "supply, bar gauge", "RMS before, mm", "RMS after, mm", "change")
@@ -158,13 +166,13 @@ def play(folder: Path, pool: Pool, runs: Runs, scenario_file: Path) -> None:
     for line in summary_lines(chain.after):
         console.print(line)
     console.print(
-        f"held-out error: {chain.before.weighted_error() ** 0.5:.2f} times the noise floor before, "
+        f"final fits, all windows: held-out error {chain.before.weighted_error() ** 0.5:.2f} times the noise floor before, "
         f"{chain.after.weighted_error() ** 0.5:.2f} after"
     )
     console.print("TRACKING, RMS in mm, controllers made from the model before -> after")
     for label, reference, bar, was, now in tracking_rows(chain.results, truth.patm):
         console.print(
-            f"  {label:42s} {reference:12s} {bar:3g} bar  {was:7.3f} -> {now:7.3f}  ({100 * (now / was - 1):+.0f} %)"
+            f"  {label:42s} {reference:12s} {bar:3g} bar  {was:7.3f} -> {now:7.3f}  ({change(was, now)})"
         )
     console.print(f"report: {path}")
     console.print("next, with your own data: python -m pneuid.identify --help")

@@ -102,7 +102,7 @@ def diagnose(
         named.append(chosen[0].effect.name)
         ambiguous[named[-1]] = _rivals(chosen, tried, current, judge)
         before, after = np.sqrt(current.error), np.sqrt(chosen[1].error)
-        say(f"{named[-1]} accepted: held-out error {before:.1f} -> {after:.1f} floors")
+        say(f"{named[-1]} accepted: held-out error {before:.1f} -> {after:.1f} floors without the worst tenth")
         current = chosen[1]
     named, current = _backward(named, current, first, judge, refitter, say)
     found = _verdict(named, ambiguous, current, first, judge, ranking)
@@ -200,7 +200,7 @@ def _verdict(
     ordered = tuple(lead + [item for item in order if item.effect not in named])
     adequate = judge.explains(current)
     started, ended = np.sqrt(first.whole), np.sqrt(current.whole)
-    usual = f"{np.sqrt(first.error):.2f} and {np.sqrt(current.error):.2f} without the worst tenth of the windows"
+    usual = f"{np.sqrt(first.error):.2f} and {np.sqrt(current.error):.2f} without the worst tenth of the windows, which decides"
     words = [f"held-out error: {started:.2f} times the noise floor before, {ended:.2f} after ({usual})"]
     if not named:
         if current.error - 1.0 < judge.small:
@@ -222,6 +222,10 @@ def _verdict(
     rest = _rest(current) if not adequate and removed < MOSTLY else None
     if rest is not None:
         words.append("a part of the error remains that no effect of the catalogue explains")
+    elif adequate:
+        words.append("what remains is noise")
+    else:
+        words.append("what remains is above noise: these effects may act in a form that differs from the catalogue's")
     # little of the excess gone: what was found stands beside something larger that the catalogue does not hold
     verdict = "unknown" if rest is not None and removed < MINOR else "effect"
     return Diagnosis(verdict, tuple(named), ordered, rest, sentences=tuple(words))

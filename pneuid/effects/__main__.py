@@ -74,7 +74,8 @@ def _list(console: Console) -> None:
 def _show(console: Console, effect: Effect, rig: Rig) -> None:
     console.print(f"[bold]{effect.name}[/bold] (equation {effect.equation}, {' and '.join(effect.rigs)} rigs)")
     console.print(effect.mechanism)
-    console.print(inspect.cleandoc(effect.__doc__ or ""), markup=False)
+    for paragraph in inspect.cleandoc(effect.__doc__ or "").split("\n\n"):
+        console.print(paragraph.replace("``", "").replace("\n", " "), markup=False)
     console.print(f"enters at: {', '.join(effect.ports)}")
     declared = effect.parameters(rig, LAWS[effect.laws[0]])
     table = Table(

@@ -77,8 +77,9 @@ def _evidence(axes: Axes, y: float, item: Candidate, color: str) -> None:
     axes.plot(min(ratio, 2.0), y, "o" if ratio <= 2.0 else ">", color=color, ms=7, zorder=3)
     words = [f"{ratio:.2f}"]
     if item.excess_explained is not None:
-        words.append(f"explains {percent(max(item.excess_explained, 0.0))}")
-    if item.p_value is not None:
+        share = max(item.excess_explained, 0.0)
+        words.append(f"explains {percent(share)}" if share > 0.0 else "explains nothing")
+    if item.p_value is not None and color == _VERDICT_COLOR["accepted"]:
         words.append(f"p {probability(item.p_value)}")
     axes.text(1.02, y, ", ".join(words), transform=axes.get_yaxis_transform(), va="center", fontsize=8.0)
 

@@ -73,10 +73,18 @@ def times(ratio: float) -> str:
 
 
 def percent(share: float) -> str:
-    """A share as whole percent; ``< 1 %`` below."""
+    """A share as whole percent; ``< 1 %`` and ``> 99 %`` next to none and to all."""
     if not math.isfinite(share):
         return "—"
+    if 0.995 <= share < 1.0:
+        return "> 99 %"
     return "< 1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %".replace("-", "−")
+
+
+def change(before: float, after: float) -> str:
+    """A relative change as whole percent with its sign; ``—`` where one of the values is missing."""
+    share = after / before - 1.0 if before else math.nan
+    return f"{round(100 * share):+d} %" if math.isfinite(share) else "—"
 
 
 def probability(p: float) -> str:

@@ -347,7 +347,9 @@ def ranking_section(diagnosis: Diagnosis) -> Section:
     caption = (
         "Group: candidates whose traces in these data are alike. Screening: drop of the cost predicted without "
         "a refit. Error: on held-out runs, with the effect over without. "
-        "Explains: share of the base model's excess over the noise that it removes."
+        "Explains: share of the base model's excess over the noise that it removes. "
+        "p: chance of such a drop of the training cost under white noise; the held-out error decides, not this. "
+        "Not refitted: the leading candidates promise so much more that a refit of the others would say nothing new."
     )
     picture = Picture(
         ranking(diagnosis), "Candidates by predicted drop of the cost and held-out error",
