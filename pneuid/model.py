@@ -17,6 +17,7 @@ from pneuid.errors import UserError
 from pneuid.estimation.curves import Curve, curves_of
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.own import key, of_key
+from pneuid.estimation.shooting import Scaling
 from pneuid.physics.smoothing import FINE, Smoothing
 from pneuid.plant import RANGES, Plant
 from pneuid.recording import Recording
@@ -135,13 +136,9 @@ def _verdict(fit: Fit, declared: Parameter) -> str:
     """The exact fit's verdict; a relaxed one, which has no standard errors, knows only its bounds."""
     if declared.name in fit.verdicts:
         return fit.verdicts[declared.name]
-    value = fit.values[declared.name]
-    near = 1e-4 * (declared.upper - declared.lower)
-    return (
-        "on its bound"
-        if min(value - declared.lower, declared.upper - value) < near and not declared.positive
-        else "weakly determined"
-    )
+    scaling = Scaling([declared])
+    on_bound = not declared.positive and scaling.on_bound(scaling.to_q(np.array([fit.values[declared.name]])))[0]
+    return "on its bound" if on_bound else "weakly determined"
 
 
 def model_of(fit: Fit, name: str, hold_out: Sequence[Recording] = (), parent: str | None = None) -> Model:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from pneuid.criticism.refits import Asked, Standing, refit
+from pneuid.criticism.refits import Asked, Standing, afresh, refit
 from pneuid.criticism.refitter import Refitter
 from pneuid.effects import CATALOGUE, LAW_STEPS
 from pneuid.estimation.fit import Fit
@@ -78,3 +79,13 @@ def test_a_refit_lowers_the_cost_by_what_is_missing_and_not_by_what_is_not():
     base = base_fit("leakage_internal")
     leak, weight = (refit(Standing.of(base), asked, ORDER) for asked in ASKED)
     assert base.loose_cost - leak.loose_cost > 5 * max(base.loose_cost - weight.loose_cost, 1.0)
+
+
+def test_break_away_is_read_anew_from_the_data_and_the_rest_stays():
+    base = base_fit("leakage_internal")
+    wrong = replace(Standing.of(base), values={**base.values, "Fs": 3 * base.values["Fs"], "vs": 0.3 * base.values["vs"]})
+    again = afresh(wrong)
+    assert again is not None
+    assert again.values["Fs"] < 1.5 * base.values["Fs"]
+    assert again.plant is base.plant
+    assert afresh(replace(wrong, values={"Fc": 10.0})) is None

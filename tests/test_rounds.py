@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from pneuid.criticism import rounds
-from pneuid.criticism.decision import _rivals, _verdict
+from pneuid.criticism.decision import _rivals, _settled, _verdict
 from pneuid.criticism.diagnosis import Candidate
 from pneuid.criticism.prediction import NoiseFloor
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
+from pneuid.effect import Parameter
 from pneuid.effects import CATALOGUE
+from pneuid.estimation.shooting import Scaling
 from pneuid.report.summary import verdict_lines
 
 JUDGE = SimpleNamespace(spread=0.02, small=0.15, explains=lambda trial: trial.error - 1.0 < 0.15)
@@ -165,6 +168,29 @@ def test_a_leading_effect_that_leaves_a_quarter_of_the_excess_leaves_much(left, 
     excess = FIRST.error - 1.0
     assert rounds.leaves_much((SCORES[0], stub(1.0 + left * excess, 1.0)), FIRST) is much
     assert rounds.leaves_much(None, FIRST)
+
+
+def test_a_weak_amplitude_in_a_wide_range_is_not_on_its_bound():
+    wide = Parameter("k", "k", "N/m", 0.0, 1e5, 0.0, 10.0, "x", off=0.0)
+    scaling = Scaling([wide])
+    assert list(scaling.on_bound(scaling.to_q(np.array([5.7])))) == [False]
+    assert list(scaling.on_bound(scaling.to_q(np.array([1e-4])))) == [True]
+    assert list(scaling.on_bound(scaling.to_q(np.array([1e5])))) == [True]
+
+
+@pytest.mark.parametrize(("training", "taken"), [(4.0, True), (400.0, False)])
+def test_break_away_is_read_anew_where_the_training_runs_fit_better_for_it(training, taken):
+    accepted = replace(stub(2.0, 27_000.0, "gravity"), train={"x": 100.0})
+    other = replace(stub(1.5, 26_900.0, "gravity"), train={"x": training})
+    judge = SimpleNamespace(small=0.15, trial=lambda *_: other, fits=lambda trial: trial.train["x"])
+    refitter = SimpleNamespace(afresh=lambda fit: fit)
+    assert _settled(accepted, judge, refitter, lambda _: None) is (other if taken else accepted)
+
+
+def test_an_accepted_effect_that_leaves_noise_alone_is_left_alone():
+    judge, refitter = SimpleNamespace(small=0.15), SimpleNamespace()
+    accepted = stub(1.1, 27_000.0, "gravity")
+    assert _settled(accepted, judge, refitter, lambda _: None) is accepted
 
 
 def test_an_amplitude_of_a_second_look_is_at_least_typical():

@@ -98,6 +98,7 @@ def diagnose(
         rungs += [_rung(trial, judge, False) for _, trial in tried if chosen is None or trial is not chosen[1]]
         if chosen is None:
             break
+        chosen = chosen[0], _settled(chosen[1], judge, refitter, say)
         rungs.append(_rung(chosen[1], judge, True))
         named.append(chosen[0].effect.name)
         ambiguous[named[-1]] = _rivals(chosen, tried, current, judge)
@@ -107,6 +108,18 @@ def diagnose(
     named, current = _backward(named, current, first, judge, refitter, say)
     found = _verdict(named, ambiguous, current, first, judge, ranking)
     return Verdict(found, current.fit, rungs)
+
+
+def _settled(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
+    """The accepted trial, or the same model from a fresh reading of break-away where that fits the training runs better."""
+    if trial.whole - 1.0 < judge.small:
+        return trial
+    say(f"{trial.added} is in: break-away read anew")
+    again = refitter.afresh(trial.fit)
+    if again is None:
+        return trial
+    other = judge.trial(again, trial.added)
+    return other if judge.fits(other) < judge.fits(trial) else trial
 
 
 def _leading(scores: Sequence[Score]) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 
 from pneuid.criticism.prediction import Frozen, predict, typical
 from pneuid.effect import Effect
+from pneuid.estimation.first_guess import first_guess, motions
 from pneuid.estimation.fit import Fit, fit
 from pneuid.estimation.preparation import Run
 from pneuid.estimation.solver import Monitor
@@ -17,6 +18,9 @@ from pneuid.plant import Plant
 ENOUGH, OVER = 0.8, 1.2
 """Share of the predicted gain that a warm refit must reach, and the cost over the predicted one that it may leave, before it is
 believed without another start."""
+
+BREAK_AWAY = ("Fs", "vs", "sigma0", "sigma1")
+"""Parameters of the base model that show at break-away and next to nowhere else."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,20 @@ def _misfit(found: Fit) -> float:
     if found.plant.servo:
         return found.loose_cost
     return sum(typical(predict(Frozen.of(found), found.runs), found.plant.outputs).values())
+
+
+def afresh(base: Standing, monitor: Monitor | None = None) -> Fit | None:
+    """The same model fitted from its own values, but break-away read anew from the data; None for a law without any.
+
+    Before the effect was in the model, static friction, Stribeck velocity, stiffness and damping went wherever they excused it.
+    A refit that starts from there mostly stays there: sticks break away in the wrong interval, and no step leads out of that.
+    """
+    guess = first_guess(base.plant, base.runs, motions(base.runs))
+    fresh = {name: guess[name] for name in BREAK_AWAY if name in base.values}
+    if not fresh:
+        return None
+    recordings = [run.recording for run in base.runs]
+    return fit(base.plant, recordings, {**base.values, **fresh}, base.noise, monitor, exact=False, prepared=base.runs)
 
 
 def without(base: Standing, name: str, monitor: Monitor | None = None) -> Fit:

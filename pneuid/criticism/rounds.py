@@ -184,7 +184,6 @@ def _inside_bounds(score: Score, trial: Trial) -> bool:
     names = set(score.start)
     problem = trial.fit.problem
     q = trial.fit.relaxed.X[: problem.nq]
-    width = problem.scaling.upper - problem.scaling.lower
-    on_bound = (q - problem.scaling.lower < 1e-4 * width) | (problem.scaling.upper - q < 1e-4 * width)
+    on_bound = problem.scaling.on_bound(q)
     amplitudes = [j for j, item in enumerate(problem.declared) if item.name in names]
     return not all(on_bound[j] for j in amplitudes)

@@ -65,6 +65,10 @@ class Judge:
         """Excess over the noise floor that counts as none."""
         return max(ADEQUATE_EXCESS, 4 * self.spread)
 
+    def fits(self, trial: Trial) -> float:
+        """Squared error on the training runs in the floors of the held-out ones: compares two ends of one model."""
+        return _weighted(trial.train, self.floor)
+
     def explains(self, trial: Trial) -> bool:
         """Whether noise, and what the fit leaves open of its parameters, are enough to explain the trial's error."""
         excess = trial.error - 1.0

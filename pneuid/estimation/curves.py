@@ -106,8 +106,7 @@ def relaxed_covariance(fit: Fit) -> np.ndarray:
     problem, X = fit.problem, fit.relaxed.X
     _, hessian = relaxed_system(problem, X)
     q = X[: problem.nq]
-    width = problem.scaling.upper - problem.scaling.lower
-    held = (q - problem.scaling.lower < 1e-4 * width) | (problem.scaling.upper - q < 1e-4 * width)
+    held = problem.scaling.on_bound(q)
     free = np.concatenate([np.flatnonzero(~held), np.arange(problem.nq, problem.size)])
     H = hessian[free][:, free]
     count = int((~held).sum())

@@ -39,6 +39,9 @@ OWN_DEFECT = 0.1
 """Defects allowed to the states that effects bring, in units of their scale times the relaxation: with as much freedom as
 position or pressure have, such a state becomes an unknown input that explains anything."""
 
+ON_BOUND_SHARE, ON_BOUND = 1e-4, 1e-3
+"""Distances within which a search variable counts as lying on its bound: a share of its range, and at most that much."""
+
 
 def threads() -> int:
     """Threads of one evaluation: every core, or what PNEUID_THREADS says (1 where processes run side by side)."""
@@ -63,6 +66,11 @@ class Scaling:
     def to_values(self, q: np.ndarray) -> np.ndarray:
         """Physical values from search variables."""
         return np.where(self.positive, np.exp(np.where(self.positive, q, 0.0)), q * self.scale)
+
+    def on_bound(self, q: np.ndarray) -> np.ndarray:
+        """Which of the search variables lie on a bound: a wide range must not make a weak effect look absent."""
+        close = np.minimum(ON_BOUND_SHARE * (self.upper - self.lower), ON_BOUND)
+        return (q - self.lower < close) | (self.upper - q < close)
 
     def slope(self, q: np.ndarray) -> np.ndarray:
         """``d value / d q``."""

@@ -34,7 +34,7 @@ class Uncertainty:
     at_bound: np.ndarray
 
 
-def uncertainty(problem: Shooting, X: np.ndarray, margin: float = 1e-4) -> Uncertainty:
+def uncertainty(problem: Shooting, X: np.ndarray) -> Uncertainty:
     """Gauss-Newton covariance of the free parameters at an exact solution, node states eliminated by continuity.
 
     The upper left block of the inverse of the Karush-Kuhn-Tucker matrix of the equality-constrained problem;
@@ -42,8 +42,7 @@ def uncertainty(problem: Shooting, X: np.ndarray, margin: float = 1e-4) -> Uncer
     inequalities that hold with equality count as such.
     """
     q = X[: problem.nq]
-    width = np.maximum(problem.scaling.upper - problem.scaling.lower, 1e-12)
-    at_bound = (q - problem.scaling.lower < margin * width) | (problem.scaling.upper - q < margin * width)
+    at_bound = problem.scaling.on_bound(q)
     H, J = constraint_system(problem, X)
     covariance = _covariance(problem, H, J, at_bound)
     value, slope = problem.constraints(q)
