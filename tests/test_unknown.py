@@ -88,7 +88,7 @@ def test_search_names_it_and_judges_on_held_out_runs():
     assert raw["curve"]["unit"] == "N" and len(raw["curve"]["at"]) == len(raw["curve"]["std"])
 
 
-STOOD_IN = [(0.3, 0.95, "unknown"), (0.3, 0.7, "effect"), (0.7, 0.99, "effect")]
+STOOD_IN = [(0.3, 0.95, "unknown"), (0.3, 0.7, "effect"), (0.7, 0.99, "unknown"), (0.8, 0.99, "effect")]
 
 
 @pytest.mark.parametrize(("explains", "alone", "verdict"), STOOD_IN)

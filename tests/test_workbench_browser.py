@@ -206,7 +206,7 @@ def test_an_unknown_function_is_drawn_and_can_be_added(window):
     window.go("missing", "diagnose")
     window.wait(lambda: window.plotted("unknown"), 20, "the function")
     assert window.misfits() == []
-    assert window.find("add-formula:force(period(x,0.025))")[0].is_enabled()
+    window.wait(lambda: window.enabled("add-formula:force(period(x,0.025))"), 20, "the formula to be offered")
     window.begin("add-spline:force(x)", "fit with spline:force(x)")
     window.press("cancel")
     window.wait(lambda: "cancelled" in window.text("job"), 20, "the cancel")

@@ -150,9 +150,18 @@ class Window:
             assert time.monotonic() < end, f"waited {seconds} s for {what or until}; job: {job!r}"
             time.sleep(0.1)
 
+    def enabled(self, name: str) -> bool:
+        script = 'const e = document.querySelector(`[data-testid="${arguments[0]}"]`); return !!e && !e.disabled'
+        return bool(self.driver.execute_script(script, name))
+
     def press(self, name: str) -> None:
-        self.wait(lambda: any(item.is_enabled() for item in self.find(name)), what=name)
-        self.driver.execute_script('document.querySelector(`[data-testid="${arguments[0]}"]`).click()', name)
+        # in one script: a view drawn anew between finding and asking leaves a stale element behind
+        script = """
+            const e = document.querySelector(`[data-testid="${arguments[0]}"]`), ready = !!e && !e.disabled;
+            if (ready) e.click();
+            return ready;
+        """
+        self.wait(lambda: self.driver.execute_script(script, name), what=name)
 
     def begin(self, name: str, job: str) -> None:
         """Press a button until its job runs: a view drawn anew in the same moment swallows a press."""

@@ -56,9 +56,9 @@ LEAST_EXPLAINED = 0.25
 TIED = 0.03
 """Share of the drop of the cost within which two terms explain the data alike."""
 
-HALF, NEARLY_ALL = 0.5, 0.9
-"""A term alone takes the place of accepted effects that explain less than the first share of the held-out excess when it
-explains more than the second, or, where they are called a minor part already, leaves less than the first of what they leave."""
+MUCH, NEARLY_ALL, HALF = 0.25, 0.9, 0.5
+"""A term alone takes the place of accepted effects that leave more than the first share of the held-out excess when it
+explains more than the second, or, where they are called a minor part already, leaves less than the third of what they leave."""
 
 Say = Callable[[str], None]
 
@@ -189,7 +189,7 @@ def explained(verdict: Verdict, base: Fit, hold_out: Sequence[Recording], say: S
     )
     # effects that explain a good part of the held-out excess stand; what explains little may stand in for the rest
     minor = diagnosis.verdict == "unknown"
-    if diagnosis.effects and (minor or left > HALF * excess):
+    if diagnosis.effects and (minor or left > MUCH * excess):
         alone = search(base, hold_out, floor, say)
         if alone is not None and (alone.explained > NEARLY_ALL or (minor and alone.after - 1.0 < HALF * left)):
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"

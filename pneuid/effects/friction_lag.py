@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import casadi as ca
+
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
 from pneuid.physics.lag import vanishing_lag
@@ -42,8 +44,8 @@ class FrictionLag(Effect):
     def stribeck_speed(self, v: Expression, scope: Scope) -> Expression:
         """The delayed speed; the bristle itself moves with the piston."""
         weight, _ = vanishing_lag(scope.p.tau_L, _SHORTEST)
-        speed, own = absolute(v, scope.smoothing.speed), absolute(scope.v, scope.smoothing.speed)
-        return speed - weight * (own - scope.state.v_lagged)
+        # not rounded: the curve is even, so that without a delay it is read at v to the last digit; with one the kinks cancel
+        return ca.fabs(v) - weight * (ca.fabs(scope.v) - scope.state.v_lagged)
 
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
         """The delayed speed follows the magnitude of the speed."""

@@ -105,7 +105,8 @@ def prepare(recording: Recording, plant: Plant, noise: dict[str, float]) -> Run:
         near = (x < END_MARGIN) | (x > plant.rig.stroke - END_MARGIN)
         if near.any():
             weights[:, near] = 0.0
-            notes.append(f"{recording.name}: {int(near.sum())} samples within 1 mm of an end stop are masked")
+            words = "samples within 1 mm of an end stop are masked; cut the recording where the piston struck it"
+            notes.append(f"{recording.name}: {int(near.sum())} {words}")
     data = np.vstack([dt, w, slopes, y, weights])
     own = own_of(plant.rig, recording)
     return Run(recording.name, t, data, own, tuple(notes), plant.inputs, plant.outputs, recording, motion)
