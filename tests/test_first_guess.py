@@ -75,13 +75,13 @@ def test_the_bristle_is_read_again_while_that_helps(ends, taken, tried, monkeypa
     first, later = ends[0], iter(ends[1:])
     asked = []
 
-    def relaxed(_plant, _recordings, _runs, start, _known, _monitor):
+    def relaxed(_task, start):
         asked.append(start)
         end = next(later)
         return end, end
 
     monkeypatch.setattr(fitting, "_relaxed_fit", relaxed)
     monkeypatch.setattr(fitting, "values_at", lambda problem, _X: {"Fc": problem.loose_cost})
-    _, soft = fitting._reread(plant, [], (), (first, first), {}, None)
+    _, soft = fitting._reread(fitting._Task(plant, [], (), {}, None), (first, first))
     assert soft.loose_cost == taken
     assert asked == [{"Fc": end.loose_cost} for end in ends[:tried]]

@@ -334,6 +334,8 @@ def test_numbers_read_plainly():
     assert [quantities.number(v) for v in (0.0, 0.012345, 123456.0, -3.0)] == ["0", "0.0123", "123 000", "−3.00"]
     assert [quantities.times(v) for v in (1.04, 187.0, np.inf)] == ["1.0×", "190×", "diverged"]
     assert [quantities.percent(v) for v in (0.61, 0.001, 0.0)] == ["61 %", "< 1 %", "0 %"]
+    assert [quantities.percent(v) for v in (0.998, 1.0, -0.2)] == ["> 99 %", "100 %", "−20 %"]
+    assert [quantities.change(*v) for v in ((2.0, 1.0), (2.0, 1.999), (0.0, 1.0))] == ["-50 %", "+0 %", "—"]
     assert [quantities.probability(v) for v in (0.2, 3e-6, 1e-30)] == ["= 0.2", "< 10⁻⁵", "< 10⁻⁹"]
     assert quantities.handy("m^3/(s*Pa)") == ("dm³/(s·bar)", 1e8)
     assert quantities.handy("kg/m^3*K") == ("kg/m³·K", 1.0)

@@ -7,7 +7,9 @@ from types import SimpleNamespace
 import pytest
 
 from pneuid.estimation import fit as fitting
+from pneuid.estimation.first_guess import BREAK_AWAY
 from pneuid.estimation.stages import Relaxed
+from pneuid.estimation.starts import from_near, softer
 
 GUESS = {"Fc": 10.0, "Fs": 15.0, "vs": 0.01, "sigma0": 4e5, "sigma1": 200.0}
 FOUND = {"Fc": 9.0, "Fs": 20.0, "vs": 0.03, "sigma0": 1e5, "sigma1": 90.0}
@@ -20,10 +22,11 @@ class _Ends:
         self.costs, self.asked, self.near = list(costs), [], near
         monkeypatch.setattr(fitting, "_relaxed_fit", self.made)
         monkeypatch.setattr(fitting, "first_guess", lambda *_: GUESS)
+        monkeypatch.setattr(fitting, "motions", lambda *_: [])
         monkeypatch.setattr(fitting, "values_at", lambda *_: dict(FOUND))
 
     def made(self, *given):
-        self.asked.append(dict(given[3]))
+        self.asked.append(dict(given[1]))
         return self.end(self.costs.pop(0))
 
     def end(self, cost: float):
@@ -32,10 +35,11 @@ class _Ends:
 
 
 PLANT = SimpleNamespace(law=SimpleNamespace(static=False), rig=SimpleNamespace(mass=1.0))
+TASK = fitting._Task(PLANT, [], (), {}, None)
 
 
 def _doubted(ends: _Ends, cost: float):
-    return fitting._doubted(PLANT, [], (), ends.end(cost), {}, None)[1].loose_cost
+    return fitting._doubted(TASK, ends.end(cost))[1].loose_cost
 
 
 def test_a_fit_that_ends_far_off_starts_softer_and_then_with_the_levels_found_there(monkeypatch):
@@ -47,14 +51,34 @@ def test_a_fit_that_ends_far_off_starts_softer_and_then_with_the_levels_found_th
     assert levels["sigma0"] == pytest.approx(20.0 / 4e-5), "of the level found, not of the first guess"
 
 
-@pytest.mark.parametrize("near", [True, False])
-def test_another_start_that_does_not_help_is_forgotten_and_the_last(monkeypatch, near):
-    ends = _Ends(monkeypatch, 999.0, near=near)
+def test_a_softer_start_that_does_not_help_is_forgotten_and_the_last(monkeypatch):
+    ends = _Ends(monkeypatch, 999.0)
     assert _doubted(ends, 1000.0) == 1000.0
     assert len(ends.asked) == 1
 
 
-def test_a_fit_that_ends_near_starts_once_more_from_its_own_end(monkeypatch):
-    ends = _Ends(monkeypatch, 700.0, near=True)
-    assert _doubted(ends, 1000.0) == 700.0
-    assert [start["sigma0"] for start in ends.asked] == [1e5]
+@pytest.mark.parametrize(("costs", "taken"), [((700.0, 650.0), 650.0), ((999.0, 700.0), 700.0), ((700.0, 699.0), 700.0)])
+def test_a_fit_that_ends_near_starts_from_its_own_end_and_with_break_away_read_anew(monkeypatch, costs, taken):
+    ends = _Ends(monkeypatch, *costs, near=True)
+    assert _doubted(ends, 1000.0) == taken, "within three standard deviations two ends are one"
+    own, anew = ends.asked
+    assert own == FOUND
+    assert anew == {**FOUND, **{name: GUESS[name] for name in BREAK_AWAY}}
+
+
+def test_a_law_without_break_away_has_no_other_start_but_its_own_end():
+    plant = SimpleNamespace(law=SimpleNamespace(static=True))
+    assert [from_near({"Fc": 1.0}, {"Fc": 2.0}, turn) for turn in (0, 1)] == [{"Fc": 2.0}, {}]
+    assert softer(plant, {"Fc": 1.0}) == {}
+
+
+def test_the_exact_stage_is_spared_where_another_start_ended_no_better(monkeypatch):
+    ends, tried = _Ends(monkeypatch, 998.0, 700.0, near=True), []
+    monkeypatch.setattr(fitting, "_reread", lambda _task, found: found)
+    monkeypatch.setattr(fitting, "_exact_end", lambda _problem, soft, _monitor: tried.append(soft.loose_cost))
+    before = [fitting._End(*ends.end(1000.0))]
+    start = {"Fc": 1.0}
+    assert fitting._end(TASK, start, True, before).soft.loose_cost == 998.0
+    assert tried == []
+    fitting._end(TASK, start, True, before)
+    assert tried == [700.0]

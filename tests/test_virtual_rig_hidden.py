@@ -198,7 +198,8 @@ def test_valve_and_gas_effects_have_the_expected_sign():
     # at 0.03 opening the chamber is still on its way there, and the piston yields
     assert still[0, at.P1] + 2e4 < still[-1, at.P1] < 0.76 * RIG.supply
     mixed = _run(preset("inlet_mixing"), 3.0, 0.01)[0]
-    assert mixed[-1, at.P1] > plain[10, at.P1]
+    # the chamber that is charged follows a larger exponent, the one that is vented a smaller one
+    assert mixed[-1, at.P1] > plain[10, at.P1] and mixed[-1, at.P2] > plain[10, at.P2]
     warm = _run(preset("supply_heating"), 3.0, 0.3)[0]
     assert 0.0 < warm[-1, at.WARMING] < 45.0 and warm[-1, at.X] > plain[-1, at.X]
 

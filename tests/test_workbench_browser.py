@@ -219,6 +219,7 @@ def test_a_study_is_shown(window):
     time.sleep(3)
     window.go("control", "study")
     window.wait(lambda: window.plotted("study"), what="the study")
+    assert window.traces("study") > 0
     window.fits("control")
 
 

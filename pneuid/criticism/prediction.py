@@ -127,6 +127,13 @@ def _windows(run: Run, samples: int) -> tuple[int, int, np.ndarray]:
     return before, ahead, np.arange(0, run.n - before - ahead + 1, ahead)
 
 
+def _used(run: Run, before: int, ahead: int, first: np.ndarray) -> np.ndarray:
+    """``(ny, W * ahead)``: predicted samples that count, not those behind a contact with an end stop in their window."""
+    window = first[:, None] + np.arange(before + ahead)
+    struck = np.logical_or.accumulate(run.contact[window], axis=1)[:, before:].ravel()
+    return (run.weights[:, window[:, before:].ravel()] > 0) & ~struck
+
+
 def _window_guess(model: Frozen, run: Run) -> np.ndarray:
     """State guesses ``(N, ns)`` at every sample, from the measurements."""
     return first_nodes(model.plant, [run], [run.motion], dict(model.values), 1).T
@@ -158,7 +165,7 @@ def _ahead(
     index = (first[:, None] + before + np.arange(ahead)).ravel()
     predicted = found.outputs[:, :, before:].transpose(1, 0, 2).reshape(ny, -1)
     measured = data[-2 * ny : -ny][:, index]
-    return Prediction(run, index, predicted, measured, data[-ny:][:, index] > 0), start
+    return Prediction(run, index, predicted, measured, _used(run, before, ahead, first)), start
 
 
 def predict_free(model: Frozen, runs: Sequence[Run]) -> list[Prediction]:
@@ -304,7 +311,7 @@ def _drawn_servo(model: Frozen, function: IntervalFunction, run: Run) -> Draw:
     theta = np.tile(model.theta(run), (first.size, 1))
     clean = simulate(function, start, cut, theta).outputs
     sigma = np.array([model.noise[name] for name in plant.outputs])[:, None]
-    index = (first[:, None] + before + np.arange(ahead)).ravel()
+    index, used = (first[:, None] + before + np.arange(ahead)).ravel(), _used(run, before, ahead, first)
 
     def draw(rng: np.random.Generator) -> Prediction:
         """Prediction of the windows where they are measured with noise of this generator."""
@@ -315,7 +322,7 @@ def _drawn_servo(model: Frozen, function: IntervalFunction, run: Run) -> Draw:
         again = _start_states(model, function, guess, data[:, :, :before], theta)
         found = simulate(function, again, data, theta).outputs[:, :, before:]
         measured = noisy[:, :, before:].transpose(1, 0, 2).reshape(ny, -1)
-        return Prediction(run, index, found.transpose(1, 0, 2).reshape(ny, -1), measured, run.weights[:, index] > 0)
+        return Prediction(run, index, found.transpose(1, 0, 2).reshape(ny, -1), measured, used)
 
     return draw
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from pneuid.criticism.prediction import Frozen, predict, typical
 from pneuid.effect import Effect
-from pneuid.estimation.first_guess import first_guess, motions
-from pneuid.estimation.fit import Fit, fit
+from pneuid.estimation.first_guess import BREAK_AWAY, first_guess, motions
+from pneuid.estimation.fit import Fit, comparable_costs, fit
 from pneuid.estimation.preparation import Run
 from pneuid.estimation.solver import Monitor
 from pneuid.plant import Plant
@@ -18,9 +18,6 @@ from pneuid.plant import Plant
 ENOUGH, OVER = 0.8, 1.2
 """Share of the predicted gain that a warm refit must reach, and the cost over the predicted one that it may leave, before it is
 believed without another start."""
-
-BREAK_AWAY = ("Fs", "vs", "sigma0", "sigma1")
-"""Parameters of the base model that show at break-away and next to nowhere else."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,7 @@ class Asked:
 def refit(base: Standing, asked: Asked, order: Sequence[str], monitor: Monitor | None = None) -> Fit:
     """Fit the base model's effects plus the one asked for; ``order`` is that of maps at a shared port.
 
-    First warm, from the base's values and nodes and half way to the screened values: what the base is linear in gets there
+    First warm, from the base's values and nodes and ``asked.way`` to the start values: what the base is linear in gets there
     in one step anyway, and beyond the linear range the whole way may overshoot into another minimum. Where that falls short of
     what screening predicts, again from the data's own guess where the refit shall be ``thorough``. On a bench, where a base
     model that lacks something often ends with a friction from which no step leads back, a thorough refit always starts twice
@@ -78,18 +75,16 @@ def refit(base: Standing, asked: Asked, order: Sequence[str], monitor: Monitor |
         return warm
     effect_values = {name: value for name, value in values.items() if plant.owner[name] is not None}
     cold = fit(plant, recordings, effect_values, base.noise, monitor, exact=False, prepared=base.runs)
-    return min(warm, cold, key=_misfit)
+    misfits = comparable_costs(warm, cold) if plant.servo else [_force_error(end) for end in (warm, cold)]
+    return cold if misfits[1] < misfits[0] else warm
 
 
-def _misfit(found: Fit) -> float:
-    """What the better of two ends of one model has less of.
+def _force_error(found: Fit) -> float:
+    """Error of the simulated force over whole training runs, N, by which the ends of a bench's model are compared.
 
-    On a servo rig the cost. On a bench the motion is imposed and whole runs can be simulated, so what counts is the error of
-    the force there: continuity defects of an effect's own state may buy a lower cost.
+    There the motion is imposed, and continuity defects of an effect's own state may buy a lower cost.
     """
-    if found.plant.servo:
-        return found.loose_cost
-    return sum(typical(predict(Frozen.of(found), found.runs), found.plant.outputs).values())
+    return typical(predict(Frozen.of(found), found.runs), found.plant.outputs)["F"]
 
 
 def afresh(base: Standing, monitor: Monitor | None = None) -> Fit | None:

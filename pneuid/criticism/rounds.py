@@ -11,7 +11,7 @@ from pneuid.criticism.refits import Asked
 from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
-from pneuid.estimation.fit import Fit
+from pneuid.estimation.fit import Fit, comparable_costs
 
 LEAST_DROP = 15.0
 """Predicted drop of half the sum of squares below which an effect is not refitted; null data stay below 5."""
@@ -140,9 +140,8 @@ def same_floor(judge: Judge, current: Trial, first: Trial, tried: Tried) -> tupl
 
 
 def costs(*trials: Trial) -> list[float]:
-    """Costs of the training runs that can be compared: with tight defects, which see more, where all of them have those."""
-    alike = len({trial.fit.problem.relaxation for trial in trials}) == 1
-    return [trial.fit.relaxed_cost if alike else trial.fit.loose_cost for trial in trials]
+    """Costs of the training runs that can be compared."""
+    return comparable_costs(*(trial.fit for trial in trials))
 
 
 def _shortlist(scores: Sequence[Score], most: int, least: float) -> Iterator[Score]:

@@ -18,7 +18,7 @@ from pneuid.estimation.shooting import Evaluation, Shooting, threads
 
 
 class Chained(Shooting):
-    """``base`` with its intervals chained; a new window starts with every run and after every interval of ``cuts``.
+    """``base`` with its intervals chained; a new window starts with every stretch and after every interval of ``cuts``.
 
     Same parameters, data and interval function; ``nint`` and the nodes count windows. Nothing links the windows.
     """
@@ -28,8 +28,9 @@ class Chained(Shooting):
         self.__dict__.pop("priors", None)  # belongs to the nodes of the short intervals
         self.base = base
         run_ends = base.first[1:]
-        self.starts = np.unique(np.concatenate([base.first[:-1], np.asarray(cuts, dtype=int) + 1]))
+        self.starts = np.union1d(base.stretches, np.asarray(cuts, dtype=int) + 1)
         self.starts = self.starts[self.starts < base.nint]
+        self.stretches = np.searchsorted(self.starts, base.stretches)
         self.lengths = np.diff(np.append(self.starts, base.nint))
         self.nint = int(self.starts.size)
         self.first = np.concatenate([[0], np.searchsorted(self.starts, run_ends)]).astype(int)

@@ -21,6 +21,9 @@ from pneuid.plant import Plant
 WINDOW = 0.01
 """Length over which the chamber balances are integrated, s."""
 
+BREAK_AWAY = ("Fs", "vs", "sigma0", "sigma1")
+"""Parameters of the base model that show at break-away and next to nowhere else."""
+
 TYPICAL_VS = 0.01
 TYPICAL_DEFLECTION = 4.0e-5
 """Deflection in m at which a seal breaks away; gives the stiffness a start."""

@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pneuid.errors import UserError
-from pneuid.estimation.first_guess import first_guess, first_nodes, follows_state, motions, typical_presliding
+from pneuid.estimation.first_guess import first_guess, first_nodes, follows_state, motions
 from pneuid.estimation.own import declared
 from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
 from pneuid.estimation.shooting import NODE_EVERY, TIGHT, Shooting, relaxed_smoothing
 from pneuid.estimation.solver import INTERRUPTED, Monitor, Outcome
 from pneuid.estimation.stages import DEFECT_GATE, Exact, Relaxed, exact_stage, relaxed_stage
+from pneuid.estimation.starts import from_far, from_near, softer
 from pneuid.estimation.uncertainty import Uncertainty, verdicts
 from pneuid.plant import Plant
 from pneuid.recording import Recording
@@ -30,11 +31,11 @@ MISFIT = 1.2
 DOUBTFUL = 4.0
 """Standard deviations of the mean squared residual above 1 from which another start is tried."""
 
-SOFTER = {"sigma0": 0.3, "sigma1": 0.6, "vs": 2.0}
-"""Another start of the pre-sliding parameters, relative to the first, tried where that one does not lead to an exact fit."""
-
 REREADS = 2
 """Times at most that the bristle is read again at the friction laws found."""
+
+SURE = 5.0
+"""Half the sum of squares by which another start's end must be better: 3 standard deviations of a parameter."""
 
 REREAD_GAIN = 0.01
 """Relative fall of the relaxed cost that makes another reading worth it."""
@@ -137,60 +138,66 @@ def fit(
     _check_runs(plant, recordings)
     levels = dict(noise) if noise is not None else noise_of(plant.rig, recordings)
     runs = tuple(prepared) if prepared is not None else tuple(prepare(run, plant, levels) for run in recordings)
+    task = _Task(plant, recordings, runs, nodes or {}, monitor)
     ends: list[_End] = []
-    for one in _starts(plant, runs, start or {}, exact):
-        ends.append(_end(plant, recordings, runs, one, nodes or {}, monitor, exact))
+    for one in _starts(task, start or {}, exact):
+        ends.append(_end(task, one, exact, ends))
         if ends[-1].interrupted or ends[-1].settled or (not one and not ends[-1].near):
             break  # from the data's own guess, and another one, a model that ends far off is wrong, not badly started
-    best = min(ends, key=lambda end: (end.hard is None, end.hard.outcome.cost if end.hard else end.soft.loose_cost))
+    soft = _comparable(*((end.problem, end.soft) for end in ends))
+    _, best = min(zip(soft, ends, strict=True), key=lambda item: _order(*item))
     found = result_of(best.problem, levels, best.soft, best.hard, time.monotonic() - began)
     if ends[-1].interrupted:
         raise Interrupted(replace(found, converged=False, status=f"interrupted, best so far; {found.status}"))
     return found
 
 
-def _end(
-    plant: Plant,
-    recordings: Sequence[Recording],
-    runs: tuple[Run, ...],
-    start: Mapping[str, float],
-    known: Mapping[str, np.ndarray],
-    monitor: Monitor | None,
-    exact: bool,
-) -> _End:
-    """Where one start leads: the data's own guess (empty) by a detour too, where it does not lead to an exact fit."""
-    found = _relaxed_fit(plant, recordings, runs, start, known, monitor)
+@dataclass(frozen=True)
+class _Task:
+    """What every start of one fit shares; known : node states ``(nint,)`` by name that replace the first guess's."""
+
+    plant: Plant
+    recordings: Sequence[Recording]
+    runs: tuple[Run, ...]
+    known: Mapping[str, np.ndarray]
+    monitor: Monitor | None
+
+    def guess(self) -> dict[str, float]:
+        """The data's own first guess of the parameters, SI."""
+        return first_guess(self.plant, self.runs, motions(self.runs))
+
+
+def _end(task: _Task, start: Mapping[str, float], exact: bool, before: Sequence[_End]) -> _End:
+    """Where one start leads: the data's own guess (empty) by a detour too, where it does not lead to an exact fit.
+
+    The exact stage is long where it fails, and is spared where the relaxed fit is no better than one that went ``before``.
+    """
+    found = _relaxed_fit(task, start)
     if exact:
-        found = _reread(plant, recordings, runs, found, known, monitor)
-    end = _exact_end(*found, monitor) if exact else _End(*found)
+        found = _reread(task, found)
+    exact = exact and all(_cheaper(found, (end.problem, end.soft)) for end in before)
+    end = _exact_end(*found, task.monitor) if exact else _End(*found)
     if start or end.interrupted or end.hard is not None:
         return end
-    other = _doubted(plant, recordings, runs, found, known, monitor)
+    other = _doubted(task, found)
     if other is found:
         return end
-    return _exact_end(*other, monitor) if exact else _End(*other)
+    return _exact_end(*other, task.monitor) if exact else _End(*other)
 
 
-def _reread(
-    plant: Plant,
-    recordings: Sequence[Recording],
-    runs: tuple[Run, ...],
-    found: tuple[Shooting, Relaxed],
-    known: Mapping[str, np.ndarray],
-    monitor: Monitor | None,
-) -> tuple[Shooting, Relaxed]:
+def _reread(task: _Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Relaxed]:
     """The relaxed fit again with the bristle read at the friction laws just found, until it is near or no longer comes down.
 
     Laws start at zero, so the first bristle is that of no pressure: a stick under another one then breaks away in the wrong
     interval, and no step leads out of that.
     """
-    if not follows_state(plant):
+    if not follows_state(task.plant):
         return found
     for _ in range(REREADS):
         problem, soft = found
         if soft.outcome.status == INTERRUPTED or _End(problem, soft).near:
             break
-        again = _relaxed_fit(plant, recordings, runs, values_at(problem, soft.outcome.X), known, monitor)
+        again = _relaxed_fit(task, values_at(problem, soft.outcome.X))
         interrupted = again[1].outcome.status == INTERRUPTED
         if not (interrupted or _End(*again).near or again[1].loose_cost < (1.0 - REREAD_GAIN) * soft.loose_cost):
             break
@@ -198,47 +205,45 @@ def _reread(
     return found
 
 
-def _doubted(
-    plant: Plant,
-    recordings: Sequence[Recording],
-    runs: tuple[Run, ...],
-    found: tuple[Shooting, Relaxed],
-    known: Mapping[str, np.ndarray],
-    monitor: Monitor | None,
-) -> tuple[Shooting, Relaxed]:
-    """The best of some relaxed fits: ``found`` from the data's own guess, and others from starts made for its weak points.
-
-    One that ended near starts again from its own end with the bristle read anew. Else from softer pre-sliding: a stiffness
-    too high at the start puts every break-away too early, and the Stribeck curve then bends to excuse it, which looks like a
-    missing effect. From a soft start the curve is found; where that helped, the stiffness starts once more from it.
-    """
-    near = _End(*found).near
-    start = values_at(found[0], found[1].outcome.X) if near else _softer(plant, first_guess(plant, runs, motions(runs)))
-    for _ in range(1 if near else 2):
-        if found[1].outcome.status == INTERRUPTED or not start:
+def _doubted(task: _Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Relaxed]:
+    """The best of some relaxed fits: ``found`` from the data's own guess, and others from starts made for its weak points."""
+    best, near = found, _End(*found).near
+    for turn in range(2):
+        if best[1].outcome.status == INTERRUPTED or (turn and best is found and not near):
             break
-        again = _relaxed_fit(plant, recordings, runs, start, known, monitor)
+        values = values_at(best[0], best[1].outcome.X)
+        start = from_near(task.guess(), values, turn) if near else from_far(task.plant, task.guess(), values, turn)
+        if not start:
+            break
+        again = _relaxed_fit(task, start)
         if again[1].outcome.status == INTERRUPTED:
-            return found[0], replace(found[1], outcome=replace(found[1].outcome, status=INTERRUPTED))
-        if not _cheaper(again, found):
-            break
-        found = again
-        start = values_at(again[0], again[1].outcome.X)
-        fresh = typical_presliding(plant, start.get("Fs", start["Fc"]))
-        start |= {name: value for name, value in fresh.items() if name in start}
-    return found
+            return best[0], replace(best[1], outcome=replace(best[1].outcome, status=INTERRUPTED))
+        if _cheaper(again, best):
+            best = again
+    return best
 
 
 def _cheaper(one: tuple[Shooting, Relaxed], other: tuple[Shooting, Relaxed]) -> bool:
-    """Whether the first relaxed fit costs clearly less, by the tight defects where both have them."""
-    tight = one[0].relaxation == other[0].relaxation == TIGHT
-    costs = [soft.outcome.cost + soft.outcome.penalty if tight else soft.loose_cost for _, soft in (one, other)]
-    return costs[0] < (1.0 - REREAD_GAIN) * costs[1]
+    """Whether the first relaxed fit costs clearly less."""
+    first, second = _comparable(one, other)
+    return first < second - SURE
 
 
-def _softer(plant: Plant, guess: Mapping[str, float]) -> dict[str, float]:
-    """Values of a start with softer pre-sliding than ``guess``; empty for a law that has none."""
-    return {} if plant.law.static else {name: guess[name] * share for name, share in SOFTER.items() if name in guess}
+def _comparable(*ends: tuple[Shooting, Relaxed]) -> list[float]:
+    """Costs of relaxed fits: with the tight defects, which see more, where all of them have those."""
+    alike = len({problem.relaxation for problem, _ in ends}) == 1
+    return [soft.outcome.cost + soft.outcome.penalty if alike else soft.loose_cost for _, soft in ends]
+
+
+def comparable_costs(*fits: Fit) -> list[float]:
+    """Relaxed costs of fits to the same runs that can be compared: with tight defects, which see more, where all have those."""
+    alike = len({found.problem.relaxation for found in fits}) == 1
+    return [found.relaxed_cost if alike else found.loose_cost for found in fits]
+
+
+def _order(cost: float, end: _End) -> tuple[bool, float]:
+    """Exact ends first, the cheapest of them; else the cheapest relaxed one."""
+    return (True, cost) if end.hard is None else (False, end.hard.outcome.cost)
 
 
 @dataclass(frozen=True)
@@ -282,9 +287,7 @@ def _exact_end(problem: Shooting, soft: Relaxed, monitor: Monitor | None) -> _En
         return replace(end, interrupted=True)
 
 
-def _starts(
-    plant: Plant, runs: Sequence[Run], start: Mapping[str, float], exact: bool
-) -> Iterator[Mapping[str, float]]:
+def _starts(task: _Task, start: Mapping[str, float], exact: bool) -> Iterator[Mapping[str, float]]:
     """Values to start from: the given ones over the data's guess; where they do not lead to an exact fit, others.
 
     A bad start ends in a local minimum, mostly of the pre-sliding parameters, from which no step leads out. Warm refits, which
@@ -295,35 +298,29 @@ def _starts(
         return
     if start:
         yield {}
-    softer = _softer(plant, first_guess(plant, runs, motions(runs)) | dict(start))
-    if softer:
-        yield dict(start) | softer
+    soft = softer(task.plant, task.guess() | dict(start))
+    if soft:
+        yield dict(start) | soft
 
 
-def _relaxed_fit(
-    plant: Plant,
-    recordings: Sequence[Recording],
-    runs: tuple[Run, ...],
-    start: Mapping[str, float],
-    known: Mapping[str, np.ndarray],
-    monitor: Monitor | None,
-) -> tuple[Shooting, Relaxed]:
+def _relaxed_fit(task: _Task, start: Mapping[str, float]) -> tuple[Shooting, Relaxed]:
     """The relaxed problem and its solution, with as many substeps as the parameters found need."""
-    ranges = data_ranges(recordings, plant)
+    plant, runs = task.plant, task.runs
+    ranges = data_ranges(task.recordings, plant)
     moved = motions(runs)
-    guess = first_guess(plant, runs, moved) | dict(start)
+    guess = task.guess() | dict(start)
     # the slowest run decides the step, so that no run is integrated too coarsely
     dt = max(float(np.median(run.data[0])) for run in runs)
     every = node_every(float(np.median(np.concatenate([run.data[0] for run in runs]))))
     nodes = first_nodes(plant, runs, moved, guess, every)
-    for name, row in known.items():
+    for name, row in task.known.items():
         nodes[plant.states.index(name)] = row
     free = [parameter.name for parameter in declared(plant, [run.own for run in runs])]
     values, substeps = guess, _substeps(plant, guess, ranges, dt)
     while True:
         problem = Shooting(plant, runs, free, values, ranges, substeps, every)
         problem.set_smoothing(relaxed_smoothing(plant))
-        soft = relaxed_stage(problem, problem.join(_inside(problem, values), nodes), monitor)
+        soft = relaxed_stage(problem, problem.join(_inside(problem, values), nodes), task.monitor)
         values, nodes = values_at(problem, soft.outcome.X), problem.split(soft.outcome.X)[1]
         needed = _substeps(plant, values, ranges, dt)
         if needed <= substeps or soft.outcome.status == INTERRUPTED:

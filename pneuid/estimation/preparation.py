@@ -26,7 +26,7 @@ class Run:
 
     data : ``(rows, N)`` with rows dt, inputs, input slopes, measured outputs, weights (1/sigma, 0 where masked);
     own : what the run has for itself; notes : what was masked and how inputs were made; motion : smoothed
-    position, speed and acceleration, one derivative for all users.
+    position, speed and acceleration, one derivative for all users; contact : ``(N,)`` where the piston is at an end stop.
     """
 
     name: str
@@ -38,6 +38,7 @@ class Run:
     outputs: tuple[str, ...]
     recording: Recording
     motion: Motion
+    contact: np.ndarray
 
     @property
     def n(self) -> int:
@@ -100,16 +101,16 @@ def prepare(recording: Recording, plant: Plant, noise: dict[str, float]) -> Run:
         slopes[plant.inputs.index("u")] = 0.0
     y = np.vstack([signals[name] for name in plant.outputs])
     weights = np.vstack([recording.weights[name] / noise[name] for name in plant.outputs])
+    x, contact = signals["x"], np.zeros(recording.n, dtype=bool)
     if plant.servo:
-        x = signals["x"]
-        near = (x < END_MARGIN) | (x > plant.rig.stroke - END_MARGIN)
-        if near.any():
-            weights[:, near] = 0.0
-            words = "samples within 1 mm of an end stop are masked; cut the recording where the piston struck it"
-            notes.append(f"{recording.name}: {int(near.sum())} {words}")
+        contact = (x < END_MARGIN) | (x > plant.rig.stroke - END_MARGIN)
+        weights[:, contact] = 0.0
+    if contact.any():
+        words = "samples within 1 mm of an end stop are masked, and the model starts anew after each contact"
+        notes.append(f"{recording.name}: {int(contact.sum())} {words}")
     data = np.vstack([dt, w, slopes, y, weights])
     own = own_of(plant.rig, recording)
-    return Run(recording.name, t, data, own, tuple(notes), plant.inputs, plant.outputs, recording, motion)
+    return Run(recording.name, t, data, own, tuple(notes), plant.inputs, plant.outputs, recording, motion, contact)
 
 
 def _servo_inputs(recording: Recording, plant: Plant) -> dict[str, np.ndarray]:

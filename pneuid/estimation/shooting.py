@@ -140,8 +140,10 @@ class Shooting:
         self.data = np.hstack([self._padded(run, count) for run, count in zip(self.runs, counts, strict=True)])
         self.total_samples = sum(run.n for run in self.runs)
         self.weighted = int(sum(np.count_nonzero(run.weights) for run in self.runs))
-        last = self.first[1:] - 1
-        self.linked = np.setdiff1d(np.arange(self.nint), last)
+        left = [start + 1 + self._left(run) for run, start in zip(self.runs, self.first[:-1], strict=True)]
+        self.stretches = np.union1d(self.first[:-1], np.concatenate(left))
+        """Nodes where the state starts anew: at a run's first sample, and after the piston was at an end stop."""
+        self.linked = np.setdiff1d(np.arange(self.nint), np.append(self.stretches, self.nint) - 1)
         """Intervals whose end must meet the next node."""
         self._shared = [j for j, name in enumerate(self.free) if name in plant.theta_names]
         self._index = [plant.theta_names.index(self.free[j]) for j in self._shared]
@@ -150,6 +152,11 @@ class Shooting:
         """Spread allowed to the defects of the relaxed problem, in units of the state scale."""
         self._map_values = self.function.values.map(self.nint, "thread", threads())
         self._map_derivatives = self.function.derivatives.map(self.nint, "thread", threads())
+
+    def _left(self, run: Run) -> np.ndarray:
+        """Intervals of a run that are its last at an end stop before it moves on: how a stop throws back is not modelled."""
+        touched = np.logical_or.reduceat(run.contact, np.arange(0, run.n, self.samples))
+        return np.flatnonzero(touched[:-1] & ~touched[1:])
 
     def _padded(self, run: Run, count: int) -> np.ndarray:
         missing = count * self.samples - run.n
@@ -296,7 +303,7 @@ class Shooting:
             (self.plant.explicit_count + 1 + k, state.initial, state.spread)
             for k, state in enumerate(self.plant.effect_states)
         ]
-        for first in self.first[:-1]:
+        for first in self.stretches:
             for position, initial, spread in own:
                 scale = self.state_scale[position]
                 index.append(self.nq + self.ns * int(first) + position)

@@ -48,9 +48,9 @@ def ranking(diagnosis: Diagnosis) -> Figure:
     figure = new_figure(1.3 + 0.32 * max(len(rows), 2))
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=[1.0, 1.25])
     for y, item in enumerate(rows):
-        color = _VERDICT_COLOR[verdict_of(item, diagnosis)]
-        left.barh(y, 100 * max(item.screen_gain, 0.0), height=0.66, color=color, zorder=2)
-        _evidence(right, y, item, color)
+        verdict = verdict_of(item, diagnosis)
+        left.barh(y, 100 * max(item.screen_gain, 0.0), height=0.66, color=_VERDICT_COLOR[verdict], zorder=2)
+        _evidence(right, y, item, verdict)
     groups = [f" ({letter})" if letter else "" for letter in group_letters(diagnosis.ranking)]
     left.set_yticks(range(len(rows)), [f"{plain(item.effect, 32)}{groups[k]}" for k, item in enumerate(rows)])
     left.set_ylim(max(len(rows), 1) - 0.4, -0.6)
@@ -69,17 +69,17 @@ def ranking(diagnosis: Diagnosis) -> Figure:
     return figure
 
 
-def _evidence(axes: Axes, y: float, item: Candidate, color: str) -> None:
-    ratio = item.hold_out_error_ratio
+def _evidence(axes: Axes, y: float, item: Candidate, verdict: str) -> None:
+    ratio, color = item.hold_out_error_ratio, _VERDICT_COLOR[verdict]
     if ratio is None:
         return
     axes.plot([1.0, min(ratio, 2.0)], [y, y], color=color, lw=3, solid_capstyle="butt", zorder=2)
     axes.plot(min(ratio, 2.0), y, "o" if ratio <= 2.0 else ">", color=color, ms=7, zorder=3)
     words = [f"{ratio:.2f}"]
     if item.excess_explained is not None:
-        share = max(item.excess_explained, 0.0)
+        share = item.excess_explained
         words.append(f"explains {percent(share)}" if share > 0.0 else "explains nothing")
-    if item.p_value is not None and color == _VERDICT_COLOR["accepted"]:
+    if item.p_value is not None and verdict == "accepted":
         words.append(f"p {probability(item.p_value)}")
     axes.text(1.02, y, ", ".join(words), transform=axes.get_yaxis_transform(), va="center", fontsize=8.0)
 

@@ -45,7 +45,7 @@ def chamber(
             strength = par[at.H_MIXING] / par[at.POLYTROPIC]
             full = FULLY_MIXED * par[at.CONDUCTANCE] * par[at.REFERENCE_FLOW] * p
             entering, leaving = max(inflow, 0.0) + max(-outflow, 0.0), max(outflow, 0.0) + max(-inflow, 0.0)
-            net += strength * (entering * min(entering / full, 1.0) - leaving * min(leaving / full, 1.0))
+            net += strength * (entering * min(entering / full, 1.0) + leaving * min(leaving / full, 1.0))
         if warming != 0.0:
             net += max(inflow, 0.0) * warming / ambient
         return par[at.POLYTROPIC] / volume * (par[at.GAS_RT] * net - p * growth), 0.0

@@ -1,0 +1,41 @@
+"""Other starts for a relaxed fit that the data's own guess did not lead to a good end: each is made for one weak point."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pneuid.estimation.first_guess import BREAK_AWAY, typical_presliding
+from pneuid.plant import Plant
+
+SOFTER = {"sigma0": 0.3, "sigma1": 0.6, "vs": 2.0}
+"""Another start of the pre-sliding parameters, relative to the first, tried where that one does not lead to an exact fit."""
+
+Values = Mapping[str, float]
+
+
+def softer(plant: Plant, guess: Values) -> dict[str, float]:
+    """Values (SI) of a start with softer pre-sliding than ``guess``; empty for a law that has none."""
+    return {} if plant.law.static else {name: guess[name] * share for name, share in SOFTER.items() if name in guess}
+
+
+def from_near(guess: Values, best: Values, turn: int) -> dict[str, float]:
+    """The own end ``best`` of a fit that came near, its bristle read anew; on the next turn with break-away as in ``guess``.
+
+    Static friction, Stribeck velocity and pre-sliding of a wrong basin hold each other there. Empty for a law without any.
+    """
+    fresh = {name: guess[name] for name in BREAK_AWAY if name in guess and name in best}
+    if turn == 0:
+        return dict(best)
+    return {**best, **fresh} if fresh else {}
+
+
+def from_far(plant: Plant, guess: Values, best: Values, turn: int) -> dict[str, float]:
+    """Softer pre-sliding; on the next turn, from the ``best`` values that this found, a typical one.
+
+    A stiffness too high at the start puts every break-away too early, and the Stribeck curve then bends to excuse it, which
+    looks like a missing effect. From a soft start the curve is found; where that helped, the stiffness starts once more.
+    """
+    if turn == 0:
+        return softer(plant, guess)
+    fresh = typical_presliding(plant, best.get("Fs", best["Fc"]))
+    return {**best, **{name: value for name, value in fresh.items() if name in best}}
