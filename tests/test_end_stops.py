@@ -6,9 +6,11 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 from helpers import TRUTH, base_fit, rig, servo_run
 
 from pneuid.criticism.prediction import Frozen, predict_ahead
+from pneuid.estimation.end_stops import stretches
 from pneuid.estimation.fit import Fit, fit
 from pneuid.estimation.preparation import data_ranges, noise_of, prepare
 from pneuid.estimation.shooting import Shooting
@@ -45,17 +47,37 @@ def problem_of(recording: Recording) -> Shooting:
     return Shooting(plant, [run], ["Fc"], plant.starts(), data_ranges([recording], plant), 1)
 
 
-def test_the_model_starts_anew_after_every_contact_and_nowhere_else():
+@pytest.mark.parametrize(
+    ("touching", "first", "held"),
+    [
+        ("....|....|....", [0], "....|....|...."),
+        ("....|..#.|....", [0, 2], "....|..--|...."),  # what follows in the interval is not concluded upon
+        ("....|..##|#...|....", [0, 3], "....|..--|----|...."),
+        ("....|..##|...#|....|....", [0, 2, 3], "....|..--|...-|....|...."),
+        ("....|..##|.###|....", [0, 3], "....|..--|----|...."),  # a sample tells no speed
+        ("####|....|....", [0, 1], "----|....|...."),
+        ("....|####|####", [0], "....|----|----"),
+    ],
+)
+def test_a_stretch_ends_at_a_contact_and_the_next_begins_clear_of_it(touching, first, held):
+    samples = np.array([c == "#" for c in touching.replace("|", "")])
+    starts, kept = stretches(samples, 4)
+    assert starts.tolist() == first
+    assert kept.tolist() == [c == "." for c in held.replace("|", "")]
+
+
+def test_the_model_starts_anew_after_a_contact_and_nowhere_else():
     problem = problem_of(struck(5, 11))
     run, K = problem.runs[0], problem.samples
-    assert run.contact.any() and not run.contact[0]
-    left = np.flatnonzero(run.contact[:-1] & ~run.contact[1:])
-    # an interval that the piston left and came back to is still one contact
-    expected = {int(k // K) + 1 for k in left if not run.contact[(k // K + 1) * K : (k // K + 2) * K].any()}
-    assert set(problem.stretches) == {0, *expected} and len(expected) > 0
-    assert set(range(problem.nint - 1)) - set(problem.linked) == {start - 1 for start in expected}
+    starts, held = stretches(run.contact, K)
+    assert starts.size > 1
+    np.testing.assert_array_equal(problem.stretches, starts)
+    assert set(range(problem.nint - 1)) - set(problem.linked) == set(starts[1:] - 1)
     priors = (problem.priors[0][problem.priors[0] >= problem.nq] - problem.nq) // problem.ns
-    assert set(priors) == {0, *expected}, "the bristle of every fresh start is held near rest"
+    assert set(priors) == set(starts), "the bristle of every fresh start is held near rest"
+    weights = problem.data[-3:, : run.n]
+    np.testing.assert_array_equal(weights > 0, np.tile(held, (3, 1)))
+    assert problem.weighted == 3 * held.sum()
 
 
 def test_a_run_that_keeps_clear_of_the_ends_is_one_stretch():

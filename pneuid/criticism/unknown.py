@@ -47,7 +47,7 @@ LEADERS = 2
 NEAR = 0.6
 """Share of the leading term's predicted drop below which another is not fitted."""
 
-LEFT = 0.3
+LEFT = 0.1
 """Share of the cost above noise that the best term must leave for a second one to be tried beside it."""
 
 LEAST_EXPLAINED = 0.25

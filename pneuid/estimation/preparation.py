@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pneuid.estimation.differentiate import Motion, spline_motion
+from pneuid.estimation.end_stops import contact
 from pneuid.estimation.motion import refined_motion
 from pneuid.estimation.noise import sensor_noise
 from pneuid.estimation.own import Own, own_of
@@ -15,9 +16,6 @@ from pneuid.estimation.robust import HUBER, pseudo_values
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.rig import Rig
-
-END_MARGIN = 1.0e-3
-"""Samples within this distance of an end of the stroke are masked, m."""
 
 
 @dataclass(frozen=True)
@@ -101,16 +99,14 @@ def prepare(recording: Recording, plant: Plant, noise: dict[str, float]) -> Run:
         slopes[plant.inputs.index("u")] = 0.0
     y = np.vstack([signals[name] for name in plant.outputs])
     weights = np.vstack([recording.weights[name] / noise[name] for name in plant.outputs])
-    x, contact = signals["x"], np.zeros(recording.n, dtype=bool)
-    if plant.servo:
-        contact = (x < END_MARGIN) | (x > plant.rig.stroke - END_MARGIN)
-        weights[:, contact] = 0.0
-    if contact.any():
+    touching = contact(signals["x"], plant.rig.stroke) & plant.servo
+    weights[:, touching] = 0.0
+    if touching.any():
         words = "samples within 1 mm of an end stop are masked, and the model starts anew after each contact"
-        notes.append(f"{recording.name}: {int(contact.sum())} {words}")
+        notes.append(f"{recording.name}: {int(touching.sum())} {words}")
     data = np.vstack([dt, w, slopes, y, weights])
     own = own_of(plant.rig, recording)
-    return Run(recording.name, t, data, own, tuple(notes), plant.inputs, plant.outputs, recording, motion, contact)
+    return Run(recording.name, t, data, own, tuple(notes), plant.inputs, plant.outputs, recording, motion, touching)
 
 
 def _servo_inputs(recording: Recording, plant: Plant) -> dict[str, np.ndarray]:

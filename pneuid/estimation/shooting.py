@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from pneuid.effect import Parameter
+from pneuid.estimation.end_stops import stretches
 from pneuid.estimation.own import QUANTITIES, declared, of_key
 from pneuid.estimation.preparation import Run
 from pneuid.interval import IntervalFunction, interval_function, jacobian_function
@@ -137,11 +138,12 @@ class Shooting:
         self.first = np.concatenate([[0], np.cumsum(counts)]).astype(int)
         self.nint = int(self.first[-1])
         self.size = self.nq + self.ns * self.nint
-        self.data = np.hstack([self._padded(run, count) for run, count in zip(self.runs, counts, strict=True)])
+        parts = [stretches(run.contact, node_every) for run in self.runs]
+        held = [self._padded(run, count, own) for run, count, (_, own) in zip(self.runs, counts, parts, strict=True)]
+        self.data = np.hstack(held)
         self.total_samples = sum(run.n for run in self.runs)
-        self.weighted = int(sum(np.count_nonzero(run.weights) for run in self.runs))
-        left = [start + 1 + self._left(run) for run, start in zip(self.runs, self.first[:-1], strict=True)]
-        self.stretches = np.union1d(self.first[:-1], np.concatenate(left))
+        self.weighted = int(np.count_nonzero(self.data[-len(plant.outputs) :]))
+        self.stretches = np.concatenate([start + own for start, (own, _) in zip(self.first[:-1], parts, strict=True)])
         """Nodes where the state starts anew: at a run's first sample, and after the piston was at an end stop."""
         self.linked = np.setdiff1d(np.arange(self.nint), np.append(self.stretches, self.nint) - 1)
         """Intervals whose end must meet the next node."""
@@ -153,20 +155,13 @@ class Shooting:
         self._map_values = self.function.values.map(self.nint, "thread", threads())
         self._map_derivatives = self.function.derivatives.map(self.nint, "thread", threads())
 
-    def _left(self, run: Run) -> np.ndarray:
-        """Intervals of a run that are its last at an end stop before it moves on: how a stop throws back is not modelled."""
-        touched = np.logical_or.reduceat(run.contact, np.arange(0, run.n, self.samples))
-        return np.flatnonzero(touched[:-1] & ~touched[1:])
-
-    def _padded(self, run: Run, count: int) -> np.ndarray:
+    def _padded(self, run: Run, count: int, held: np.ndarray) -> np.ndarray:
         missing = count * self.samples - run.n
-        if missing == 0:
-            return run.data
-        tail = np.repeat(run.data[:, -1:], missing, axis=1)
         ny, nw = len(self.plant.outputs), len(self.plant.inputs)
-        tail[-ny:] = 0.0
-        tail[1 + nw : 1 + 2 * nw] = 0.0
-        return np.hstack([run.data, tail])
+        data = np.hstack([run.data, np.repeat(run.data[:, -1:], missing, axis=1)])
+        data[-ny:] *= np.append(held, np.zeros(missing))
+        data[1 + nw : 1 + 2 * nw, run.n :] = 0.0
+        return data
 
     # --- variables ---
 
