@@ -321,7 +321,7 @@ def _small_problem(effects: tuple[str, ...] = ()) -> tuple[Shooting, np.ndarray]
         data = whole.data[:, piece].copy()
         data[-3:, 5:8] = 0.0
         moved = {name: getattr(whole.motion, name)[piece] for name in ("x", "v", "a")}
-        runs.append(replace(whole, t=whole.t[piece], data=data, motion=replace(whole.motion, **moved)))
+        runs.append(replace(whole, t=whole.t[piece], data=data, contact=whole.contact[piece], motion=replace(whole.motion, **moved)))
     values = {item.name: item.start if item.off is None else item.off + 0.1 * item.scale for item in plant.parameters}
     values |= {name: value * 1.1 for name, value in TRUTH.items()} | {"n": 1.15}
     problem = Shooting(plant, runs, plant.parameter_names, values, RANGES, SUBSTEPS, node_every=10)
