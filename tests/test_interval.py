@@ -320,8 +320,8 @@ def _small_problem(effects: tuple[str, ...] = ()) -> tuple[Shooting, np.ndarray]
         whole = prepare(recording, plant, noise_of(plant.rig, recordings))
         data = whole.data[:, piece].copy()
         data[-3:, 5:8] = 0.0
-        moved = {name: getattr(whole.motion, name)[piece] for name in ("x", "v", "a")}
-        runs.append(replace(whole, t=whole.t[piece], data=data, contact=whole.contact[piece], motion=replace(whole.motion, **moved)))
+        motion = replace(whole.motion, **{name: getattr(whole.motion, name)[piece] for name in ("x", "v", "a")})
+        runs.append(replace(whole, t=whole.t[piece], data=data, motion=motion, contact=whole.contact[piece]))
     values = {item.name: item.start if item.off is None else item.off + 0.1 * item.scale for item in plant.parameters}
     values |= {name: value * 1.1 for name, value in TRUTH.items()} | {"n": 1.15}
     problem = Shooting(plant, runs, plant.parameter_names, values, RANGES, SUBSTEPS, node_every=10)
