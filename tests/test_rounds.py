@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pneuid.criticism import rounds
-from pneuid.criticism.decision import _rivals, _settled, _verdict
+from pneuid.criticism.decision import _rivals, _verdict
 from pneuid.criticism.diagnosis import Candidate
 from pneuid.criticism.prediction import NoiseFloor
 from pneuid.criticism.refits import Asked
@@ -20,7 +20,9 @@ from pneuid.effects import CATALOGUE
 from pneuid.estimation.shooting import Scaling
 from pneuid.report.summary import verdict_lines
 
-JUDGE = SimpleNamespace(spread=0.02, small=0.15, explains=lambda trial: trial.error - 1.0 < 0.15)
+JUDGE = SimpleNamespace(
+    spread=0.02, small=0.15, explains=lambda trial: trial.error - 1.0 < 0.15, learned=lambda trial: trial.error - 1.0 < 0.15
+)
 
 
 def stub(error: float, cost: float, added: str | None = None, relaxation: float = 0.1) -> Trial:
@@ -59,7 +61,7 @@ ALONE = stub(30.8, 27_600.0, "valve_null_leakage")
 )
 def test_what_is_accepted(current, error, cost, taken):
     tried = [(score("valve_dead_zone", 500.0), stub(error, cost, "valve_dead_zone"))]
-    found = rounds.accepted(tried, current, FIRST, JUDGE)
+    found = rounds.accepted(tried, current, FIRST, JUDGE, False)
     assert (found is not None) == taken
 
 
@@ -75,13 +77,20 @@ def test_costs_are_compared_with_loose_defects_where_one_has_no_others():
     current, offset = mixed(63.0, 26_300.0, 35_700.0), mixed(40.0, 25_600.0, 30_300.0)
     assert rounds.costs(first, current, offset) == [67_100.0, 26_300.0, 25_600.0]
     assert rounds.costs(current, offset) == [35_700.0, 30_300.0]
-    assert rounds.accepted([(score("valve_offset", 5e3), offset)], current, first, JUDGE) is None
+    assert rounds.accepted([(score("valve_offset", 5e3), offset)], current, first, JUDGE, False) is None
 
 
 def test_the_best_on_held_out_runs_is_accepted_not_the_best_on_training_runs():
     tried = [(score("gravity", 900.0), stub(20.0, 26_000.0)), (score("load_mass", 800.0), stub(10.0, 27_000.0))]
-    found = rounds.accepted(tried, FIRST, FIRST, JUDGE)
+    found = rounds.accepted(tried, FIRST, FIRST, JUDGE, False)
     assert found is not None and found[0].effect.name == "load_mass"
+
+
+@pytest.mark.parametrize(("error", "taken"), [(1.1, True), (20.0, False)])
+def test_where_open_parameters_could_be_the_cause_an_effect_must_leave_noise_alone_on_the_training_runs(error, taken):
+    tried = [(score("gravity", 900.0), stub(error, 26_000.0))]
+    assert rounds.accepted(tried, FIRST, FIRST, JUDGE, False) is not None
+    assert (rounds.accepted(tried, FIRST, FIRST, JUDGE, True) is not None) is taken
 
 
 class Counting:
@@ -138,29 +147,56 @@ def test_a_later_effect_must_promise_a_part_of_what_came_before():
     assert _round([score("gravity", 900.0)], [20.0], current=ALONE)[0].made == ["gravity"]
 
 
-def test_a_second_look_takes_what_acts_on_the_loudest_balance_and_was_not_tried(monkeypatch):
+def _looks(monkeypatch, errors, scores, tried=(), defects=(), afresh=None):
+    """A second look with scripted held-out errors, and costs of the training runs where not 27 000; what it made, and found."""
+    monkeypatch.setattr(rounds, "equation_defects", lambda _: defects)
+    monkeypatch.setattr(rounds, "_typical_start", lambda *_: {})
+    monkeypatch.setattr(rounds, "_set_out_small", lambda _, one: one.start.get("small", False))
+    judge = SimpleNamespace(
+        spread=0.02, small=0.15, trial=lambda fit, name: fit if isinstance(fit, Trial) else stub(*errors[name], name),
+        fits=lambda trial: trial.fit.relaxed_cost,
+    )  # fmt: skip
+    refitter = Counting()
+    refitter.afresh = lambda _: afresh  # type: ignore[attr-defined]
+    return refitter, rounds.second_looks(FIRST, scores, list(tried), judge, refitter, lambda _: None)
+
+
+def _small(name: str, drop: float) -> Score:
+    return replace(score(name, drop), start={"small": True})
+
+
+def test_a_second_look_takes_what_acts_on_the_loudest_balance_and_was_not_there_yet(monkeypatch):
     loud = [
         SimpleNamespace(equation=name, rms=rms, expected_rms=1.0) for name, rms in (("force", 5.0), ("pressure_1", 2.0))
     ]
-    monkeypatch.setattr(rounds, "equation_defects", lambda _: loud)
-    monkeypatch.setattr(rounds, "_typical_start", lambda *_: {})
-    refitter = Counting()
-    judge = SimpleNamespace(spread=0.02, small=0.15, trial=lambda _fit, name: stub(50.0, 27_000.0, name))
-    scores = [score("load_mass", 30.0), *SCORES[:3], score("backlash", 5.0), score("friction_lag", 2.0)]
-    tried = [(scores[0], stub(144.0, 43_000.0, "load_mass"))]
-    found = rounds.second_looks(FIRST, scores, tried, judge, refitter, lambda _: None)
-    assert refitter.made == ["backlash", "friction_lag"] == [item.effect.name for item, _ in found]
+    scores = [score("load_mass", 30.0), *SCORES[:3], _small("backlash", 5.0), score("friction_lag", 2.0)]
+    tried = [(scores[0], stub(144.0, 43_000.0, "load_mass")), (scores[4], stub(40.0, 27_000.0, "backlash"))]
+    errors = {"backlash": (50.0, 27_000.0), "friction_lag": (50.0, 27_000.0)}
+    refitter, found = _looks(monkeypatch, errors, scores, tried, loud)
+    assert refitter.made == ["backlash", "friction_lag"]
+    better = {item.effect.name: trial.error for item, trial in found}
+    assert better == {"load_mass": 144.0, "backlash": 40.0, "friction_lag": 50.0}, "the better trial of an effect is kept"
 
 
 def test_a_second_look_ends_with_the_effect_that_explains_all(monkeypatch):
-    monkeypatch.setattr(rounds, "equation_defects", lambda _: [])
-    monkeypatch.setattr(rounds, "_typical_start", lambda *_: {})
-    errors = {"gravity": 50.0, "backlash": 1.05, "friction_lag": 1.0}
-    refitter = Counting()
-    judge = SimpleNamespace(spread=0.02, small=0.15, trial=lambda _fit, name: stub(errors[name], 27_000.0, name))
-    scores = [score(name, 5.0) for name in errors]
-    found = rounds.second_looks(FIRST, scores, [], judge, refitter, lambda _: None)
+    errors = {"gravity": (50.0, 27_000.0), "backlash": (1.05, 27_000.0), "friction_lag": (1.0, 27_000.0)}
+    _, found = _looks(monkeypatch, errors, [score(name, 5.0) for name in errors])
     assert [item.effect.name for item, _ in found] == ["gravity", "backlash"]
+
+
+@pytest.mark.parametrize(("error", "cost", "read"), [(50.0, 43_500.0, True), (50.0, 42_000.0, False), (140.0, 43_500.0, False)])
+def test_a_look_that_predicts_better_but_costs_more_gets_its_break_away_read_anew(monkeypatch, error, cost, read):
+    again = stub(30.0, 26_000.0, "friction_dwell")
+    _, found = _looks(monkeypatch, {"friction_dwell": (error, cost)}, [score("friction_dwell", 5.0)], afresh=again)
+    assert found[0][1].error == (30.0 if read else error)
+
+
+def test_an_amplitude_far_below_typical_is_a_small_start():
+    plant = SimpleNamespace(rig=SimpleNamespace(mass=1.0, A1=8e-4, A2=7e-4, patm=1e5), law=None)
+    current = SimpleNamespace(fit=SimpleNamespace(plant=plant))
+    for b_play, small in ((1e-5, True), (-2e-4, False), (2e-4, False)):
+        found = rounds._set_out_small(current, Score(CATALOGUE["backlash"], 5.0, 1e-4, 1, {"b_play": b_play}, ()))
+        assert found is small, b_play
 
 
 @pytest.mark.parametrize(("left", "much"), [(0.3, True), (0.2, False)])
@@ -184,13 +220,13 @@ def test_break_away_is_read_anew_where_the_training_runs_fit_better_for_it(train
     other = replace(stub(1.5, 26_900.0, "gravity"), train={"x": training})
     judge = SimpleNamespace(small=0.15, trial=lambda *_: other, fits=lambda trial: trial.train["x"])
     refitter = SimpleNamespace(afresh=lambda fit: fit)
-    assert _settled(accepted, judge, refitter, lambda _: None) is (other if taken else accepted)
+    assert rounds.settled(accepted, judge, refitter, lambda _: None) is (other if taken else accepted)
 
 
 def test_an_accepted_effect_that_leaves_noise_alone_is_left_alone():
     judge, refitter = SimpleNamespace(small=0.15), SimpleNamespace()
     accepted = stub(1.1, 27_000.0, "gravity")
-    assert _settled(accepted, judge, refitter, lambda _: None) is accepted
+    assert rounds.settled(accepted, judge, refitter, lambda _: None) is accepted
 
 
 def test_an_amplitude_of_a_second_look_is_at_least_typical():

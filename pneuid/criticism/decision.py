@@ -18,7 +18,18 @@ from pneuid.criticism.defects import equation_defects, node_jumps
 from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.rounds import Say, Tried, accepted, costs, leaves_much, refitted, same_floor, second_looks
+from pneuid.criticism.rounds import (
+    LEAST_DROP,
+    Say,
+    Tried,
+    accepted,
+    costs,
+    leaves_much,
+    refitted,
+    same_floor,
+    second_looks,
+    settled,
+)
 from pneuid.criticism.screening import Score, screen
 from pneuid.criticism.trial import Judge, Trial, judge_of
 from pneuid.effect import Effect
@@ -44,6 +55,11 @@ MOST_EFFECTS = 4
 OPEN = (
     "the held-out runs ask for what the training runs leave open of the parameters, and that explains the error; "
     "train on runs that cover the speeds and pressures of the held-out ones"
+)
+
+SHOWN = (
+    "the training runs leave more than noise themselves, and {} is what shows in them most; "
+    "hold out a run like them to judge it"
 )
 
 
@@ -84,21 +100,30 @@ def diagnose(
         for score in scores:
             ranking.setdefault(score.effect.name, _screened(score))
         say(_leading(scores))
-        if adequate:
+        if adequate and (current.error - 1.0 < judge.small or judge.learned(current)):
             break  # the ranking is for the report
         tried = refitted(current, first, scores, judge, refitter, say)
         judge, current, first, tried = same_floor(judge, current, first, tried)
-        chosen = accepted(tried, current, first, judge)
+        chosen = accepted(tried, current, first, judge, adequate)
         if not named and leaves_much(chosen, current) and _loudest(current) > DEFECT_RATIO:
-            tried += second_looks(current, scores, tried, judge, refitter, say)
+            tried = second_looks(current, scores, tried, judge, refitter, say)
             judge, current, first, tried = same_floor(judge, current, first, tried)
-            chosen = accepted(tried, current, first, judge)
+            chosen = accepted(tried, current, first, judge, adequate)
         for score, trial in tried:
             _record(ranking, score, trial, current, first, keep=bool(named))
         rungs += [_rung(trial, judge, False) for _, trial in tried if chosen is None or trial is not chosen[1]]
         if chosen is None:
             break
-        chosen = chosen[0], _settled(chosen[1], judge, refitter, say)
+        chosen = chosen[0], settled(chosen[1], judge, refitter, say)
+        smaller = _better_without(chosen, current, judge, refitter)
+        if smaller is not None:
+            say(f"without {chosen[0].effect.name}, from where it led, the model fits better than before: judged against that")
+            first, current = (first if named else smaller), smaller
+            rungs += [_rung(smaller, judge, True)] if named else []
+            rungs[0] = _rung(first, judge, True)
+            if accepted([chosen], current, first, judge, judge.explains(current)) is None:
+                rungs.append(_rung(chosen[1], judge, False))
+                continue
         rungs.append(_rung(chosen[1], judge, True))
         named.append(chosen[0].effect.name)
         ambiguous[named[-1]] = _rivals(chosen, tried, current, judge)
@@ -110,16 +135,17 @@ def diagnose(
     return Verdict(found, current.fit, rungs)
 
 
-def _settled(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
-    """The accepted trial, or the same model from a fresh reading of break-away where that fits the training runs better."""
-    if trial.whole - 1.0 < judge.small:
-        return trial
-    say(f"{trial.added} is in: break-away read anew")
-    again = refitter.afresh(trial.fit)
-    if again is None:
-        return trial
-    other = judge.trial(again, trial.added)
-    return other if judge.fits(other) < judge.fits(trial) else trial
+def _better_without(chosen: tuple[Score, Trial], current: Trial, judge: Judge, refitter: Refitter) -> Trial | None:
+    """The standing model, fitted again from where the chosen effect led, where it is better there; else None.
+
+    Any effect that leads out of a local optimum would get the credit for what a better start explains.
+    """
+    name, trial = chosen[0].effect.name, chosen[1]
+    if name not in {effect.name for effect in trial.fit.plant.effects}:
+        return None  # a richer friction law took the simple one's place; without it the model is another
+    smaller = judge.trial(refitter.without(trial.fit, name), current.added)
+    now, less = costs(current, smaller)
+    return smaller if less < now - LEAST_DROP and smaller.error < current.error else None
 
 
 def _leading(scores: Sequence[Score]) -> str:
@@ -219,7 +245,8 @@ def _verdict(
         if current.error - 1.0 < judge.small:
             return Diagnosis("adequate", (), ordered, sentences=(*words, "nothing is missing above the noise"))
         if adequate:
-            return Diagnosis("adequate", (), ordered, sentences=(*words, OPEN))
+            shown = () if judge.learned(current) or not ordered else (SHOWN.format(ordered[0].effect),)
+            return Diagnosis("adequate", (), ordered, sentences=(*words, OPEN, *shown))
         if _loudest(current) < DEFECT_RATIO:
             quiet = "no balance leaves a defect above noise; what the predictions lose, they lose at break-away"
             return Diagnosis("adequate", (), ordered, sentences=(*words, quiet))
@@ -236,7 +263,7 @@ def _verdict(
     if rest is not None:
         words.append("a part of the error remains that no effect of the catalogue explains")
     elif adequate:
-        words.append("what remains is noise")
+        words.append("what remains is noise" if current.error - 1.0 < judge.small else OPEN)
     else:
         words.append("what remains is above noise: these effects may act in a form that differs from the catalogue's")
     # little of the excess gone: what was found stands beside something larger that the catalogue does not hold

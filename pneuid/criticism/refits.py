@@ -42,7 +42,8 @@ class Standing:
 class Asked:
     """An effect to add: start values (SI) and relative drop of the cost as screened; ``thorough``: a cold start too.
 
-    way : share of the way from off to ``start`` from which the warm refit begins.
+    way : share of the way from off to ``start`` from which the warm refit begins; anew : with break-away from the data's guess,
+    for what the base model's break-away excuses now.
     """
 
     effect: Effect
@@ -50,6 +51,7 @@ class Asked:
     gain: float = 1.0
     thorough: bool = True
     way: float = 0.5
+    anew: bool = False
 
 
 def refit(base: Standing, asked: Asked, order: Sequence[str], monitor: Monitor | None = None) -> Fit:
@@ -64,6 +66,7 @@ def refit(base: Standing, asked: Asked, order: Sequence[str], monitor: Monitor |
     plant, values = _plant_with(base, asked, order)
     off = {item.name: item.off for item in plant.parameters if item.off is not None}
     part = {name: off[name] + asked.way * (value - off[name]) for name, value in asked.start.items() if name in off}
+    part |= _break_away(base) if asked.anew else {}
     recordings = [run.recording for run in base.runs]
     if plant.law is not base.plant.law:
         return fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs)
@@ -93,12 +96,17 @@ def afresh(base: Standing, monitor: Monitor | None = None) -> Fit | None:
     Before the effect was in the model, static friction, Stribeck velocity, stiffness and damping went wherever they excused it.
     A refit that starts from there mostly stays there: sticks break away in the wrong interval, and no step leads out of that.
     """
-    guess = first_guess(base.plant, base.runs, motions(base.runs))
-    fresh = {name: guess[name] for name in BREAK_AWAY if name in base.values}
+    fresh = _break_away(base)
     if not fresh:
         return None
     recordings = [run.recording for run in base.runs]
     return fit(base.plant, recordings, {**base.values, **fresh}, base.noise, monitor, exact=False, prepared=base.runs)
+
+
+def _break_away(base: Standing) -> dict[str, float]:
+    """What the data first suggest for the parameters of break-away that the model has, SI."""
+    guess = first_guess(base.plant, base.runs, motions(base.runs))
+    return {name: guess[name] for name in BREAK_AWAY if name in base.values}
 
 
 def without(base: Standing, name: str, monitor: Monitor | None = None) -> Fit:

@@ -49,6 +49,9 @@ FAR = 0.25
 """Share of the excess left by the best of the leading effects above which others get a second look as well: a lag or a
 memory shows little of itself in a linear prediction from zero, and its place is taken by what imitates it."""
 
+SMALL = 0.5
+"""Share of a typical amplitude below which a refit has not been where a second look starts."""
+
 TYPICAL = 3.0
 """Amplitude, in units of its scale, from which such an effect is refitted."""
 
@@ -92,24 +95,37 @@ def refitted(
 def second_looks(
     current: Trial, scores: Sequence[Score], tried: Tried, judge: Judge, refitter: Refitter, say: Say
 ) -> Tried:
-    """Trials with untried effects that act on the loudest balance, from typical amplitudes, until one explains all."""
+    """Those tried, and trials with others that act on the loudest balance, from typical amplitudes, until one explains all.
+
+    An effect whose refit set out far below a typical amplitude is tried again from there, and the better trial kept.
+    """
     loudest = max(equation_defects(current.fit), key=lambda item: item.rms / max(item.expected_rms, 1e-12), default=None)
     acting = ACTING_ON[loudest.equation if loudest else "force"]
-    known = {score.effect.name for score, _ in tried}
-    left = [score for score in scores if score.effect.equation in acting and score.effect.name not in known][:SECOND_LOOKS]
+    known = {score.effect.name: trial for score, trial in tried}
+    left = [
+        score for score in scores
+        if score.effect.equation in acting and (score.effect.name not in known or _set_out_small(current, score))
+    ][:SECOND_LOOKS]  # fmt: skip
     if left:
         say(f"these leave much; a second look at what acts on {', '.join(acting)}")
-    asked = [Asked(score.effect, _typical_start(current, score), score.gain, way=1.0) for score in left]
-    looked: Tried = []
+    asked = [Asked(score.effect, _typical_start(current, score), score.gain, way=1.0, anew=True) for score in left]
+    looked = {score.effect.name: (score, trial) for score, trial in tried}
     for score, (_, make) in zip(left, refitter.each(current.fit, asked), strict=True):
-        looked.append((score, _tried(current, score, make, judge, say)))
-        if _all_explained(looked[-1][1], current, judge):
+        name, trial = score.effect.name, _tried(current, score, make, judge, say)
+        if _half_way(trial, current):
+            trial = settled(trial, judge, refitter, say)
+        if name not in known or trial.error < known[name].error:
+            looked[name] = score, trial
+        if _all_explained(trial, current, judge):
             break  # nothing is left for the others to explain
-    return looked
+    return list(looked.values())
 
 
-def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[Score, Trial] | None:
-    """The trial to accept, None where none qualifies."""
+def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge, doubtful: bool) -> tuple[Score, Trial] | None:
+    """The trial to accept, None where none qualifies.
+
+    doubtful : open parameters could explain the held-out error as well; then an effect must leave noise alone on training runs.
+    """
     excess, original = current.error - 1.0, first.error - 1.0
     good = []
     for score, trial in tried:
@@ -120,7 +136,8 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[
         told = part >= SOME_SHARE and drop >= CLEAR_DROP * now
         share = fall / original >= LEAST_SHARE or part >= CLEAR_SHARE or told
         least = max(LEAST_DROP, LEAST_PART * (before - now))
-        if excess > 0 and fall > 3 * judge.spread and share and drop > least and _inside_bounds(score, trial):
+        shown = judge.learned(trial) or not doubtful
+        if excess > 0 and fall > 3 * judge.spread and share and drop > least and shown and _inside_bounds(score, trial):
             good.append((score, trial))
     return min(good, key=lambda item: item[1].error) if good else None
 
@@ -164,6 +181,35 @@ def _tried(current: Trial, score: Score, make: Callable[[], Fit], judge: Judge, 
 def _all_explained(trial: Trial, current: Trial, judge: Judge) -> bool:
     """Whether a trial leaves next to nothing of what the standing model left."""
     return trial.error - 1.0 < max(judge.small, 0.05 * (current.error - 1.0))
+
+
+def _set_out_small(current: Trial, score: Score) -> bool:
+    """Whether every amplitude that screening suggests is far below a typical one."""
+    typical = _typical_start(current, score)
+    moves = [
+        (score.start.get(item.name, item.off) - item.off, typical[item.name] - item.off)
+        for item in score.effect.parameters(current.fit.plant.rig, current.fit.plant.law)
+        if item.off is not None
+    ]
+    return all(abs(screened) < SMALL * abs(usual) for screened, usual in moves)
+
+
+def _half_way(trial: Trial, current: Trial) -> bool:
+    """Whether a refit predicts better but costs more on the training runs: most of its sticks still break away elsewhere."""
+    now, after = costs(current, trial)
+    return trial.error < current.error - LEAST_SHARE * (current.error - 1.0) and after > now - LEAST_DROP
+
+
+def settled(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
+    """The trial, or the same model from a fresh reading of break-away where that fits the training runs better."""
+    if trial.whole - 1.0 < judge.small:
+        return trial
+    say(f"{trial.added}: break-away read anew")
+    again = refitter.afresh(trial.fit)
+    if again is None:
+        return trial
+    other = judge.trial(again, trial.added)
+    return other if judge.fits(other) < judge.fits(trial) else trial
 
 
 def _typical_start(current: Trial, score: Score) -> dict[str, float]:

@@ -69,6 +69,10 @@ class Judge:
         """Squared error on the training runs in the floors of the held-out ones: compares two ends of one model."""
         return _weighted(trial.train, self.floor)
 
+    def learned(self, trial: Trial) -> bool:
+        """Whether noise is enough to explain the trial's error on the training runs."""
+        return self.fits(trial) - 1.0 < self.small
+
     def explains(self, trial: Trial) -> bool:
         """Whether noise, and what the fit leaves open of its parameters, are enough to explain the trial's error."""
         excess = trial.error - 1.0
