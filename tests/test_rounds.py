@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pneuid.criticism import rounds
-from pneuid.criticism.decision import _rivals, _verdict
+from pneuid.criticism.decision import _better_without, _rivals, _verdict
 from pneuid.criticism.diagnosis import Candidate
 from pneuid.criticism.prediction import NoiseFloor
 from pneuid.criticism.refits import Asked
@@ -273,3 +273,28 @@ def test_the_floor_is_that_of_the_best_model_and_never_rises(monkeypatch):
     assert (better.floor.value, better.usual.value) == ({"x": 2.0}, {"x": 1.0})
     assert judge.again(stub(144.0, 1.0), FIRST) is judge
     assert np.isclose(better.spread, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("error", "cost", "better"),
+    [
+        (20.0, 26_500.0, True),  # the effect had led out of a local optimum
+        (145.0, 43_000.0, False),  # back where it came from: the fall is the effect's
+        (150.0, 26_500.0, False),
+        (20.0, 42_990.0, False),
+    ],
+)
+def test_the_model_without_an_accepted_effect_may_be_better_than_it_was(error, cost, better):
+    with_effect = stub(18.0, 26_400.0, "load_mass")
+    with_effect.fit.plant = SimpleNamespace(effects=[CATALOGUE["load_mass"]])
+    smaller = stub(error, cost)
+    judge = SimpleNamespace(trial=lambda fit, _added: fit)
+    refitter = SimpleNamespace(without=lambda _fit, name: {"load_mass": smaller}[name])
+    found = _better_without((score("load_mass", 100.0), with_effect), FIRST, judge, refitter)
+    assert (found is smaller) if better else (found is None)
+
+
+def test_a_richer_friction_law_cannot_be_taken_out():
+    richer = stub(18.0, 26_400.0, "law:lugre")
+    richer.fit.plant = SimpleNamespace(effects=[])
+    assert _better_without((score("load_mass", 100.0), richer), FIRST, SimpleNamespace(), SimpleNamespace()) is None
