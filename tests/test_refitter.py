@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
+from pneuid.criticism import refitter as refitting
 from pneuid.criticism.refits import Asked, Standing, afresh, refit
 from pneuid.criticism.refitter import Refitter
 from pneuid.effects import CATALOGUE, LAW_STEPS
@@ -56,23 +57,29 @@ def _forbidden(*_: object) -> Fit:
     raise AssertionError("made again")
 
 
-@pytest.mark.parametrize("change", ["start", "gain", "way", "base"])
-def test_what_decides_a_refit_is_in_its_key(change, tmp_path, monkeypatch):
-    base, store = base_fit("leakage_internal"), Store(tmp_path / "known.jsonl")
-    monkeypatch.setattr("pneuid.criticism.refitter.refit", lambda *_: base)
-    asked = ASKED[0]
-    next(Refitter(ORDER, store=store).each(base, [asked]))[1]()
-    monkeypatch.setattr("pneuid.criticism.refitter.refit", _forbidden)
-    next(Refitter(ORDER, store=store).each(base, [asked]))[1]()
-    other = {
-        "start": Asked(asked.effect, {"G_leak": 2e-10}, asked.gain, asked.thorough),
-        "gain": Asked(asked.effect, asked.start, 0.2, asked.thorough),
-        "way": Asked(asked.effect, asked.start, asked.gain, asked.thorough, 1.0),
-    }.get(change, asked)
-    if change == "base":
-        base = base_fit("leakage_internal", 2)
-    with pytest.raises(AssertionError, match="made again"):
-        next(Refitter(ORDER, store=store).each(base, [other]))[1]()
+OTHERWISE = {
+    "effect": CATALOGUE["gravity"], "start": {"G_leak": 2e-10}, "gain": 0.2, "thorough": True, "way": 1.0, "anew": True,
+}  # fmt: skip
+"""Another value of everything that can be asked."""
+
+
+@pytest.mark.parametrize("change", [*(item.name for item in fields(Asked)), "base"])
+def test_what_decides_a_refit_is_in_its_key(change):
+    standing, other = (Standing.of(base_fit("leakage_internal", seed)) for seed in (1, 2))
+    refitter = Refitter(ORDER)
+    asked = replace(ASKED[0], **{change: OTHERWISE[change]}) if change in OTHERWISE else ASKED[0]
+    assert refitter._key(standing, ASKED[0]) == refitter._key(standing, ASKED[0])
+    assert refitter._key(other if change == "base" else standing, asked) != refitter._key(standing, ASKED[0])
+
+
+def test_another_process_is_asked_for_the_same(monkeypatch):
+    base, seen = base_fit("leakage_internal"), []
+    monkeypatch.setattr(refitting, "refit", lambda _standing, asked, order: seen.append((asked, order)) or base)
+    asked = Asked(**OTHERWISE)
+    refitting._made(Refitter(ORDER)._task(Standing.of(base), asked))
+    ((given, order),) = seen
+    assert order == ORDER and given.effect.name == asked.effect.name
+    assert replace(given, effect=asked.effect) == asked
 
 
 def test_a_refit_lowers_the_cost_by_what_is_missing_and_not_by_what_is_not():

@@ -245,7 +245,8 @@ def _verdict(
         if current.error - 1.0 < judge.small:
             return Diagnosis("adequate", (), ordered, sentences=(*words, "nothing is missing above the noise"))
         if adequate:
-            shown = () if judge.learned(current) or not ordered else (SHOWN.format(ordered[0].effect),)
+            plain = not judge.learned(current) and ordered and ordered[0].screen_gain * current.fit.relaxed_cost > LEAST_DROP
+            shown = (SHOWN.format(ordered[0].effect),) if plain else ()
             return Diagnosis("adequate", (), ordered, sentences=(*words, OPEN, *shown))
         if _loudest(current) < DEFECT_RATIO:
             quiet = "no balance leaves a defect above noise; what the predictions lose, they lose at break-away"

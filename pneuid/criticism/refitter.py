@@ -39,6 +39,7 @@ class _Task:
     gain: float
     thorough: bool
     way: float
+    anew: bool
     order: tuple[str, ...]
     effect_files: tuple[str, ...]
 
@@ -50,7 +51,8 @@ def _made(task: _Task) -> dict[str, Any]:
     plant = Plant(task.rig, task.law, effects_by_name(task.present, own))
     base = Standing(plant, task.runs, task.values, task.nodes, task.noise, task.loose_cost)
     effect = LAW_STEPS[task.effect] if task.effect in LAW_STEPS else effects_by_name([task.effect], own)[0]
-    return Solution.of(refit(base, Asked(effect, task.start, task.gain, task.thorough, task.way), task.order)).to_dict()
+    asked = Asked(effect, task.start, task.gain, task.thorough, task.way, task.anew)
+    return Solution.of(refit(base, asked, task.order)).to_dict()
 
 
 @dataclass
@@ -117,8 +119,8 @@ class Refitter:
         present = tuple(effect.name for effect in base.plant.effects)
         return _Task(
             base.plant.rig, base.plant.law.name, present, base.runs, dict(base.values), dict(base.nodes), dict(base.noise),
-            base.loose_cost, asked.effect.name, dict(asked.start), asked.gain, asked.thorough, asked.way, tuple(self.order),
-            tuple(map(str, self.effect_files)),
+            base.loose_cost, asked.effect.name, dict(asked.start), asked.gain, asked.thorough, asked.way, asked.anew,
+            tuple(self.order), tuple(map(str, self.effect_files)),
         )  # fmt: skip
 
     def _key(self, base: Standing, asked: Asked) -> str:
@@ -129,5 +131,6 @@ class Refitter:
         effects = tuple((effect.name, repr(effect.origin)) for effect in (*plant.effects, asked.effect))
         return key_of(
             version("pneuid"), repr(plant.rig.raw), plant.law.name, effects, runs, sorted(base.values.items()), nodes,
-            sorted(base.noise.items()), asked.start, asked.gain, asked.thorough, asked.way, tuple(self.order),
+            sorted(base.noise.items()), asked.start, asked.gain, asked.thorough, asked.way, asked.anew,
+            tuple(self.order),
         )  # fmt: skip
