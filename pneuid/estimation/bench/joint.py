@@ -100,4 +100,5 @@ def _thinned(run: Run, noise: float) -> Run:
     signals = {name: np.add.reduceat(values, first) / size for name, values in raw.signals.items()}
     weights = {name: np.add.reduceat(values, first) / size for name, values in raw.weights.items()}
     kept = replace(raw, t=raw.t[first], signals=signals, weights=weights)
-    return replace(run, t=run.t[first], data=data, motion=motion, recording=kept, notes=(*run.notes, note))
+    notes = (*run.notes, note)
+    return replace(run, t=run.t[first], data=data, motion=motion, contact=run.contact[first], recording=kept, notes=notes)
