@@ -219,7 +219,7 @@ def solve(case: Case) -> dict[str, Any]:
         stand = replace(case, rig="default") if case.rig == "bench" else case
         train, held, rig = (bench_runs if on_bench(case) else servo_runs)(stand)
         base = fit(api.plant_of(rig), train)
-        found = explained(diagnose(base, held, KNOWN), base, held)
+        found = explained(diagnose(base, held, KNOWN), held)
     except (UserError, ComputationError, RuntimeError, ValueError) as error:
         return row | {"verdict": "failed", "effects": [], "said": str(error)[:200], "seconds": time.monotonic() - began}
     diagnosis = found.diagnosis

@@ -223,7 +223,7 @@ def diagnose(
     candidates = CATALOGUE | own | LAW_STEPS
     files = tuple(map(str, effect_files))
     refitter = Refitter(tuple(candidates), monitor, pool or InProcess(), store or Store(), files)
-    found = explained(decision.diagnose(base, held, candidates, refitter, say), base, held, say)
+    found = explained(decision.diagnose(base, held, candidates, refitter, say), held, say)
     if found.diagnosis.verdict == "ambiguous":
         say("looking for the recording that tells the candidates apart")
     experiment = for_verdict(found, base, candidates, monitor)

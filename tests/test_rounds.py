@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pneuid.criticism import rounds
+from pneuid.criticism import decision, rounds
 from pneuid.criticism.decision import _better_without, _rivals, _verdict
-from pneuid.criticism.diagnosis import Candidate
+from pneuid.criticism.diagnosis import Candidate, Diagnosis
 from pneuid.criticism.prediction import NoiseFloor
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.screening import Score
@@ -298,3 +298,31 @@ def test_a_richer_friction_law_cannot_be_taken_out():
     richer = stub(18.0, 26_400.0, "law:lugre")
     richer.fit.plant = SimpleNamespace(effects=[])
     assert _better_without((score("load_mass", 100.0), richer), FIRST, SimpleNamespace(), SimpleNamespace()) is None
+
+
+@pytest.mark.parametrize(("error", "named"), [(19.0, []), (2.0, ["load_mass"])])
+def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(error, named, monkeypatch):
+    """The effect leaves 19 or 2 where the base of 145 leaves 20 from where the effect led."""
+    lead, smaller, chosen = score("load_mass", 900.0), stub(20.0, 26_500.0), stub(error, 25_000.0, "load_mass")
+    judge = SimpleNamespace(**vars(JUDGE), trial=lambda _: FIRST)
+    base, turns = SimpleNamespace(plant=None, noise=None), []
+
+    def one_round(current, first, *_):
+        turns.append(current)
+        tried = [(lead, chosen)] if len(turns) == 1 else []
+        return judge, current, first, tried, (tried[0] if tried else None)
+
+    replaced = {
+        "judge_of": lambda *_: judge, "prepare": lambda *_: None, "screen": lambda *_: [lead], "_round": one_round,
+        "_better_without": lambda *_: smaller, "_rung": lambda trial, _judge, accepted: (trial, accepted),
+        "_backward": lambda names, current, *_: (names, current),
+        "_verdict": lambda names, *_: Diagnosis("effect", tuple(names), ()),
+    }  # fmt: skip
+    for name, stand_in in replaced.items():
+        monkeypatch.setattr(decision, name, stand_in)
+    found = decision.diagnose(base, [], CATALOGUE, refitter=SimpleNamespace())
+    assert turns[1] is (chosen if named else smaller)
+    assert found.base is smaller.fit
+    assert found.diagnosis.effects == tuple(named)
+    assert found.rungs == [(smaller, True), (chosen, bool(named))]
+    assert "fits better from another start (12.04 -> 4.47 floors)" in found.diagnosis.sentences[-1]

@@ -104,7 +104,7 @@ def test_an_effect_that_stood_in_for_the_unknown_gives_way_to_it(explains, alone
         for effects, error in (((), 10.0), (("friction_position",), np.sqrt(1.0 + 99.0 * (1.0 - explains))))
     ]
     diagnosis = Diagnosis("effect", ("friction_position",), (), Unknown("force", ("x",), 1.0, "N"))
-    found = explained(Verdict(diagnosis, base, rungs), base, [held]).diagnosis
+    found = explained(Verdict(diagnosis, base, base, rungs), [held]).diagnosis
     assert found.verdict == verdict
     assert found.effects == (() if verdict == "unknown" else ("friction_position",))
     assert found.unknown is not None and found.unknown.curve is not None

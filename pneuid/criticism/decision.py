@@ -9,7 +9,7 @@ effect that later turns out to be unneeded is dropped. What is left over at the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -62,13 +62,19 @@ SHOWN = (
     "hold out a run like them to judge it"
 )
 
+BETTER_START = (
+    "the model that stood before fits better from another start ({:.2f} -> {:.2f} floors); all is measured against that"
+)
+
 
 @dataclass
 class Verdict:
-    """What ``diagnose`` returns: the diagnosis, the model it ends with, and the rungs climbed or rejected."""
+    """What ``diagnose`` returns: the diagnosis, the model it ends with, the base that it was measured against, and the rungs
+    climbed or rejected."""
 
     diagnosis: Diagnosis
     best: Fit
+    base: Fit
     rungs: list[Rung] = field(default_factory=list)
 
 
@@ -92,6 +98,7 @@ def diagnose(
     ranking: dict[str, Candidate] = {}
     named: list[str] = []
     ambiguous: dict[str, tuple[str, ...]] = {}
+    moved: list[str] = []
     for _ in range(MOST_EFFECTS):
         adequate = judge.explains(current)
         if named and adequate:
@@ -102,25 +109,19 @@ def diagnose(
         say(_leading(scores))
         if adequate and (current.error - 1.0 < judge.small or judge.learned(current)):
             break  # the ranking is for the report
-        tried = refitted(current, first, scores, judge, refitter, say)
-        judge, current, first, tried = same_floor(judge, current, first, tried)
-        chosen = accepted(tried, current, first, judge, adequate)
-        if not named and leaves_much(chosen, current) and _loudest(current) > DEFECT_RATIO:
-            tried = second_looks(current, scores, tried, judge, refitter, say)
-            judge, current, first, tried = same_floor(judge, current, first, tried)
-            chosen = accepted(tried, current, first, judge, adequate)
+        judge, current, first, tried, chosen = _round(current, first, scores, judge, refitter, adequate, say)
+        smaller = None if chosen is None else _better_without(chosen, current, judge, refitter)
+        if smaller is not None:
+            moved.append(BETTER_START.format(np.sqrt(current.whole), np.sqrt(smaller.whole)))
+            say(moved[-1])
+            first, current = (first if named else smaller), smaller
         for score, trial in tried:
             _record(ranking, score, trial, current, first, keep=bool(named))
-        rungs += [_rung(trial, judge, False) for _, trial in tried if chosen is None or trial is not chosen[1]]
+        rungs += [_rung(trial, judge, False) for _, trial in tried if chosen is None or trial.added != chosen[1].added]
         if chosen is None:
             break
-        chosen = chosen[0], settled(chosen[1], judge, refitter, say)
-        smaller = _better_without(chosen, current, judge, refitter)
         if smaller is not None:
-            say(f"without {chosen[0].effect.name}, from where it led, the model fits better than before: judged against that")
-            first, current = (first if named else smaller), smaller
-            rungs += [_rung(smaller, judge, True)] if named else []
-            rungs[0] = _rung(first, judge, True)
+            rungs = [*rungs, _rung(smaller, judge, True)] if named else [_rung(smaller, judge, True), *rungs[1:]]
             if accepted([chosen], current, first, judge, judge.explains(current)) is None:
                 rungs.append(_rung(chosen[1], judge, False))
                 continue
@@ -132,7 +133,23 @@ def diagnose(
         current = chosen[1]
     named, current = _backward(named, current, first, judge, refitter, say)
     found = _verdict(named, ambiguous, current, first, judge, ranking)
-    return Verdict(found, current.fit, rungs)
+    return Verdict(replace(found, sentences=(*found.sentences, *moved)), current.fit, first.fit, rungs)
+
+
+def _round(
+    current: Trial, first: Trial, scores: Sequence[Score], judge: Judge, refitter: Refitter, adequate: bool, say: Say
+) -> tuple[Judge, Trial, Trial, Tried, tuple[Score, Trial] | None]:
+    """Refits of one round and the effect accepted, if any, all by the floor of the best model so far."""
+    tried = refitted(current, first, scores, judge, refitter, say)
+    judge, current, first, tried = same_floor(judge, current, first, tried)
+    chosen = accepted(tried, current, first, judge, adequate)
+    if current.added is None and leaves_much(chosen, current) and _loudest(current) > DEFECT_RATIO:
+        tried = second_looks(current, scores, tried, judge, refitter, say)
+        judge, current, first, tried = same_floor(judge, current, first, tried)
+        chosen = accepted(tried, current, first, judge, adequate)
+    if chosen is not None:
+        chosen = chosen[0], settled(chosen[1], judge, refitter, say)
+    return judge, current, first, tried, chosen
 
 
 def _better_without(chosen: tuple[Score, Trial], current: Trial, judge: Judge, refitter: Refitter) -> Trial | None:

@@ -175,10 +175,10 @@ def _curve(fit: Fit, joint: Joint) -> Curve:
     )  # fmt: skip
 
 
-def explained(verdict: Verdict, base: Fit, hold_out: Sequence[Recording], say: Say = lambda _: None) -> Verdict:
+def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda _: None) -> Verdict:
     """The verdict with what is known of its unknown rest, unchanged where it has none or nothing explains it.
 
-    base : the fit that was diagnosed. A term that alone explains clearly more than the accepted effects takes their place.
+    A term that alone explains clearly more than the accepted effects takes their place.
     """
     diagnosis, climbed = verdict.diagnosis, [rung for rung in verdict.rungs if rung.accepted]
     if diagnosis.unknown is None:
@@ -190,14 +190,14 @@ def explained(verdict: Verdict, base: Fit, hold_out: Sequence[Recording], say: S
     # effects that explain a good part of the held-out excess stand; what explains little may stand in for the rest
     minor = diagnosis.verdict == "unknown"
     if diagnosis.effects and (minor or left > MUCH * excess):
-        alone = search(base, hold_out, floor, say)
+        alone = search(verdict.base, hold_out, floor, say)
         if alone is not None and (alone.explained > NEARLY_ALL or (minor and alone.after - 1.0 < HALF * left)):
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
             found = replace(
                 diagnosis, verdict="unknown", effects=(), unknown=_unknown(alone),
                 sentences=(*diagnosis.sentences, words, *_said(alone)),
             )  # fmt: skip
-            return replace(verdict, diagnosis=found, best=base)
+            return replace(verdict, diagnosis=found, best=verdict.base)
     rest = search(verdict.best, hold_out, floor, say)
     if rest is None:
         return verdict

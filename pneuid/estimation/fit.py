@@ -144,8 +144,7 @@ def fit(
         ends.append(_end(task, one, exact, ends))
         if ends[-1].interrupted or ends[-1].settled or (not one and not ends[-1].near):
             break  # from the data's own guess, and another one, a model that ends far off is wrong, not badly started
-    soft = _comparable(*((end.problem, end.soft) for end in ends))
-    _, best = min(zip(soft, ends, strict=True), key=lambda item: _order(*item))
+    _, best = min(zip(comparable_costs(*ends), ends, strict=True), key=lambda item: _order(*item))
     found = result_of(best.problem, levels, best.soft, best.hard, time.monotonic() - began)
     if ends[-1].interrupted:
         raise Interrupted(replace(found, converged=False, status=f"interrupted, best so far; {found.status}"))
@@ -225,20 +224,18 @@ def _doubted(task: _Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Re
 
 def _cheaper(one: tuple[Shooting, Relaxed], other: tuple[Shooting, Relaxed]) -> bool:
     """Whether the first relaxed fit costs clearly less."""
-    first, second = _comparable(one, other)
+    first, second = comparable_costs(_End(*one), _End(*other))
     return first < second - SURE
 
 
-def _comparable(*ends: tuple[Shooting, Relaxed]) -> list[float]:
-    """Costs of relaxed fits: with the tight defects, which see more, where all of them have those."""
-    alike = len({problem.relaxation for problem, _ in ends}) == 1
-    return [soft.outcome.cost + soft.outcome.penalty if alike else soft.loose_cost for _, soft in ends]
+def comparable_costs(*ends: Fit | _End) -> list[float]:
+    """Relaxed costs of fits to the same runs that can be compared, infinite where one diverged.
 
-
-def comparable_costs(*fits: Fit) -> list[float]:
-    """Relaxed costs of fits to the same runs that can be compared: with tight defects, which see more, where all have those."""
-    alike = len({found.problem.relaxation for found in fits}) == 1
-    return [found.relaxed_cost if alike else found.loose_cost for found in fits]
+    With tight defects, which see more, where all have those.
+    """
+    alike = len({end.problem.relaxation for end in ends}) == 1
+    costs = [end.relaxed_cost if alike else end.loose_cost for end in ends]
+    return [cost if np.isfinite(cost) else np.inf for cost in costs]
 
 
 def _order(cost: float, end: _End) -> tuple[bool, float]:
@@ -254,6 +251,16 @@ class _End:
     soft: Relaxed
     hard: Exact | None = None
     interrupted: bool = False
+
+    @property
+    def loose_cost(self) -> float:
+        """Cost of the relaxed fit with loose defects."""
+        return self.soft.loose_cost
+
+    @property
+    def relaxed_cost(self) -> float:
+        """Cost of the relaxed fit with the defects it ended with."""
+        return self.soft.outcome.cost + self.soft.outcome.penalty
 
     @property
     def near(self) -> bool:
