@@ -128,6 +128,12 @@ def run_command(main: Callable[[Sequence[str] | None], None], arguments: Sequenc
     except KeyboardInterrupt:
         console.print("interrupted")
         sys.exit(130)
+    except Exception:
+        # a ctrl-C while CasADi converts its arguments comes out as its complaint about their types
+        if not _INTERRUPTED.is_set():
+            raise
+        console.print("interrupted")
+        sys.exit(130)
     finally:
         if here:
             signal.signal(signal.SIGINT, before)

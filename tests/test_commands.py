@@ -329,6 +329,26 @@ def test_ctrl_c_inside_the_solver_is_not_lost(monkeypatch, tmp_path, capsys):
     assert not list(tmp_path.iterdir())
 
 
+def test_ctrl_c_that_a_library_turned_into_its_own_error_is_still_one(capsys):
+    def convert(_: object) -> None:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        raise NotImplementedError("Wrong number or type of arguments for function 'Function_call'.")
+
+    with pytest.raises(SystemExit) as stop:
+        run_command(convert)
+    assert stop.value.code == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_an_error_without_ctrl_c_is_no_interrupt():
+    def fail(_: object) -> None:
+        raise NotImplementedError("a mistake of ours")
+
+    with pytest.raises(NotImplementedError):
+        run_command(fail)
+
+
 # --- what comes next ---
 
 
