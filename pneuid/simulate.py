@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
 from pneuid.interval import IntervalFunction
+from pneuid.mapped import Mapped
 
 STUCK = 1e5
 """Damping of a search beyond which no step from where it is lowers the cost."""
@@ -33,16 +33,14 @@ def simulate(function: IntervalFunction, start: np.ndarray, data: np.ndarray, th
     ny = function.trajectory.size1_out(0)
     ns = start.shape[1]
     outputs, states = np.empty((W, ny, N)), np.empty((W, ns, N))
-    run = function.trajectory.map(W, "serial") if W > 1 else function.trajectory
-    s = np.ascontiguousarray(start.T)
-    columns = ca.DM(theta.T)
+    run = Mapped(function.trajectory, W)
+    s = start.T
     for first in range(0, N, K):
-        block = np.concatenate(list(data[:, :, first : first + K]), axis=1) if W > 1 else data[0, :, first : first + K]
-        shown, passed = (np.asarray(item) for item in run(s, block, columns))
+        shown, passed = run(s, _side_by_side(data[:, :, first : first + K]), theta.T)
         outputs[:, :, first : first + K] = shown.reshape(ny, W, K).transpose(1, 0, 2)
         passed = passed.reshape(ns, W, K + 1)
         states[:, :, first : first + K] = passed[:, :, :K].transpose(1, 0, 2)
-        s = np.ascontiguousarray(passed[:, :, K])
+        s = passed[:, :, K]
     return Trajectory(outputs, states, s.T)
 
 
@@ -96,14 +94,13 @@ def _gauss_newton(
     """Cost ``(W,)``, Hessian ``(W, ns, ns)`` and gradient ``(W, ns)`` in units of ``scale``."""
     W, ns = start.shape
     K, N = function.samples, data.shape[2]
-    run = function.derivatives.map(W, "serial") if W > 1 else function.derivatives
+    run = Mapped(function.derivatives, W)
     cols, rows = np.tril_indices(ns + 1)
     chain = np.tile(np.diag(np.append(scale, 1.0)), (W, 1, 1))
     total = np.zeros((W, ns + 1, ns + 1))
-    s, columns = np.ascontiguousarray(start.T), ca.DM(theta.T)
+    s = start.T
     for first in range(0, N, K):
-        block = np.concatenate(list(data[:, :, first : first + K]), axis=1) if W > 1 else data[0, :, first : first + K]
-        end, sensitivity, packed = (np.asarray(item) for item in run(s, block, columns))
+        end, sensitivity, packed = run(s, _side_by_side(data[:, :, first : first + K]), theta.T)
         gram = np.empty((W, ns + 1, ns + 1))
         gram[:, rows, cols] = packed.T
         gram[:, cols, rows] = packed.T
@@ -115,3 +112,8 @@ def _gauss_newton(
     total[~finite] = np.eye(ns + 1)
     cost = np.where(finite, 0.5 * total[:, ns, ns], np.inf)
     return cost, total[:, :ns, :ns], total[:, :ns, ns]
+
+
+def _side_by_side(data: np.ndarray) -> np.ndarray:
+    """``(rows, W * N)`` of windows ``(W, rows, N)``."""
+    return data.transpose(1, 0, 2).reshape(data.shape[1], -1)

@@ -25,7 +25,7 @@ ROOMS: tuple[tuple[str, ...], ...] = (
     ("plausibility",),
     ("effect", "effects"),
     ("plant", "own_plant"),
-    ("step", "compiled", "interval"),
+    ("step", "compiled", "mapped", "interval"),
     ("simulate",),
     ("estimation",),
     ("model",),

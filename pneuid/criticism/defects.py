@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.linalg import splu
 
+from pneuid.estimation.factor import factorised
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.shooting import Shooting
 from pneuid.estimation.solver import relaxed_system
@@ -41,7 +41,7 @@ def noise_jumps(problem: Shooting, X: np.ndarray) -> np.ndarray:
     """
     at = problem.evaluate(X)
     _, hessian = relaxed_system(problem, X)
-    solver = splu(hessian)
+    solver = factorised(hessian, 1e-12)
     nq, ns, width = problem.nq, problem.ns, problem.nq + problem.ns
     blocks = at.gram[:, :width, :width]
     vectors, values = np.linalg.eigh(blocks)[::-1]

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 from scipy.stats import norm
 
 from pneuid.criticism.decision import Verdict
@@ -23,6 +22,7 @@ from pneuid.criticism.refits import Asked, Standing, refit
 from pneuid.criticism.screening import screen
 from pneuid.effect import Effect
 from pneuid.estimation.curves import relaxed_covariance
+from pneuid.estimation.factor import factorised
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import prepare
 from pneuid.estimation.shooting import Shooting, relaxed_smoothing
@@ -221,7 +221,7 @@ class _Rival:
         twice, pull = index < problem.nq, problem.prior_residual(X)
         gradient[index[twice]] -= pull[twice] * inverse[twice]
         total += 0.5 * float(np.sum(pull[~twice] ** 2))
-        step = splu((H + sp.diags(1e-9 * H.diagonal() + 1e-12)).tocsc()).solve(gradient)
+        step = factorised(H).solve(gradient)
         return max(2.0 * (total - 0.5 * float(gradient @ step)), 0.0)
 
 

@@ -21,6 +21,7 @@ from pneuid.effect import Effect, Parameter, Scope
 from pneuid.effects._spline import LEAST_FRICTION, Term, columns
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.shooting import Shooting, relaxed_smoothing, threads
+from pneuid.mapped import Mapped
 from pneuid.physics.friction import Coefficients, FrictionLaw
 from pneuid.physics.smoothing import FINE, Expression
 from pneuid.plant import Plant
@@ -144,8 +145,8 @@ class Probed(Shooting):
     def states(self, X: np.ndarray) -> np.ndarray:
         """States ``(ns, nint, K)`` at the samples of every interval."""
         q, nodes = self.split(X)
-        run = self.function.trajectory.map(self.nint, "thread", threads())
-        found = np.asarray(run(nodes, self.data, self.theta(q))[1])
+        run = Mapped(self.function.trajectory, self.nint, threads())
+        found = run(nodes, self.data, self.theta(q))[1]
         return found.reshape(self.ns, self.nint, self.samples + 1)[:, :, : self.samples]
 
     def scope(self, X: np.ndarray) -> Scope:

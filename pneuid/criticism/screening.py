@@ -12,17 +12,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
-import scipy.sparse as sp
 from scipy.optimize import lsq_linear
-from scipy.sparse.linalg import splu
 
 from pneuid.effect import Effect, Parameter
+from pneuid.estimation.factor import factorised
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.shooting import Scaling, threads
 from pneuid.estimation.solver import relaxed_system
 from pneuid.interval import trajectory_function
+from pneuid.mapped import Mapped
 from pneuid.plant import Plant
 
 COLLINEAR = 0.9
@@ -114,7 +113,7 @@ class Fitted:
         gradient, hessian = relaxed_system(problem, X)
         H = hessian[self.free][:, self.free]
         self.gradient = gradient[self.free]
-        self.solver = splu((H + sp.diags(1e-9 * H.diagonal() + 1e-12)).tocsc())
+        self.solver = factorised(H)
         self.rows, self.ends = problem.jacobian(X)
         self.ends = self.ends[problem.linked] / problem.relaxation
         values = dict(zip(problem.free, problem.scaling.to_values(q), strict=True))
@@ -126,18 +125,18 @@ class Fitted:
         defect = -(self.nodes / problem.state_scale[:, None])[:, problem.linked + 1].T / problem.relaxation
         self.residual = shown + np.concatenate([-measured.T.ravel(), defect.ravel()])
 
-    def runner(self, plant: Plant) -> ca.Function:
+    def runner(self, plant: Plant) -> Mapped:
         """Trajectories of ``plant`` over all intervals."""
         problem = self.fit.problem
-        return trajectory_function(plant, problem.samples, problem.substeps).map(problem.nint, "thread", threads())
+        return Mapped(trajectory_function(plant, problem.samples, problem.substeps), problem.nint, threads())
 
-    def response(self, run: ca.Function, plant: Plant, nodes: np.ndarray, values: dict[str, float]) -> np.ndarray:
+    def response(self, run: Mapped, plant: Plant, nodes: np.ndarray, values: dict[str, float]) -> np.ndarray:
         """Weighted outputs and end states of ``plant``, stacked; states that the fitted plant lacks are left out."""
         problem = self.fit.problem
         outputs, states = run(nodes, problem.data, problem.theta_of(values, plant))
-        shown = np.asarray(outputs) * problem.data[-len(plant.outputs) :]
+        shown = outputs * problem.data[-len(plant.outputs) :]
         own = [plant.states.index(name) for name in problem.plant.states]
-        ends = np.asarray(states)[own, problem.samples :: problem.samples + 1] / problem.state_scale[:, None]
+        ends = states[own, problem.samples :: problem.samples + 1] / problem.state_scale[:, None]
         return np.concatenate([shown.T.ravel(), ends[:, problem.linked].T.ravel() / problem.relaxation])
 
     def cross(self, change: np.ndarray) -> np.ndarray:
@@ -259,14 +258,14 @@ def _rolled_out(fitted: Fitted, plant: Plant, values: dict[str, float]) -> np.nd
     if not fresh:
         return nodes
     initial = {state.name: state.initial for state in plant.effect_states}
-    step = trajectory_function(plant, problem.samples, problem.substeps)
+    step = Mapped(trajectory_function(plant, problem.samples, problem.substeps), 1)
     theta, K = problem.theta_of(values, plant), problem.samples
     for first, last in zip(problem.first[:-1], problem.first[1:], strict=True):
         own = np.array([initial[plant.states[i]] for i in fresh])
         for i in range(first, last):
             nodes[fresh, i] = own
             _, states = step(nodes[:, i], problem.data[:, i * K : (i + 1) * K], theta[:, i])
-            own = np.asarray(states)[fresh, -1]
+            own = states[fresh, -1]
     return nodes
 
 

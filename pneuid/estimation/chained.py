@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 
-import casadi as ca
 import numpy as np
 
 from pneuid.estimation.shooting import Evaluation, Shooting, threads
+from pneuid.mapped import Mapped
 
 
 class Chained(Shooting):
@@ -36,7 +36,7 @@ class Chained(Shooting):
         self.first = np.concatenate([[0], np.searchsorted(self.starts, run_ends)]).astype(int)
         self.size = self.nq + self.ns * self.nint
         self.linked = np.zeros(0, dtype=int)
-        self._mapped: dict[int, ca.Function] = {}
+        self._mapped: dict[int, Mapped] = {}
 
     def from_base(self, X: np.ndarray) -> np.ndarray:
         """Variables of this problem from those of ``base``."""
@@ -87,11 +87,11 @@ class Chained(Shooting):
             path[:, at] = state[:, going]
             columns = data[:, at].reshape(data.shape[0], -1)
             moved, part = self._values(going.size)(state[:, going], columns, theta[:, going])
-            state[:, going] = np.asarray(moved)
-            cost += 0.5 * float(ca.sum2(part))
+            state[:, going] = moved
+            cost += 0.5 * float(np.sum(part))
         return path, state, cost
 
-    def _values(self, count: int) -> ca.Function:
+    def _values(self, count: int) -> Mapped:
         if count not in self._mapped:
-            self._mapped[count] = self.function.values.map(count, "thread", threads())
+            self._mapped[count] = Mapped(self.function.values, count, threads())
         return self._mapped[count]

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from pneuid.effects._spline import Spline, Term, curve_columns
+from pneuid.estimation.factor import factorised
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import Run
 from pneuid.estimation.solver import relaxed_system
@@ -112,7 +111,7 @@ def relaxed_covariance(fit: Fit) -> np.ndarray:
     count = int((~held).sum())
     right = np.zeros((free.size, count))
     right[:count] = np.eye(count)
-    inverse = splu((H + sp.diags(1e-12 * H.diagonal() + 1e-15)).tocsc()).solve(right)[:count]
+    inverse = factorised(H, 1e-12).solve(right)[:count]
     found = np.zeros((problem.nq, problem.nq))
     found[np.ix_(~held, ~held)] = 0.5 * (inverse + inverse.T)
     slope = problem.scaling.slope(q)

@@ -20,6 +20,7 @@ from pneuid.estimation.end_stops import stretches
 from pneuid.estimation.own import QUANTITIES, declared, of_key
 from pneuid.estimation.preparation import Run
 from pneuid.interval import IntervalFunction, interval_function, jacobian_function
+from pneuid.mapped import Mapped
 from pneuid.physics.smoothing import COARSE, FINE, Smoothing
 from pneuid.plant import Plant
 from pneuid.step import stable_upper_bounds
@@ -152,8 +153,8 @@ class Shooting:
         self.smoothing = FINE
         self.relaxation = TIGHT
         """Spread allowed to the defects of the relaxed problem, in units of the state scale."""
-        self._map_values = self.function.values.map(self.nint, "thread", threads())
-        self._map_derivatives = self.function.derivatives.map(self.nint, "thread", threads())
+        self._map_values = Mapped(self.function.values, self.nint, threads())
+        self._map_derivatives = Mapped(self.function.derivatives, self.nint, threads())
 
     def _padded(self, run: Run, count: int, held: np.ndarray) -> np.ndarray:
         missing = count * self.samples - run.n
@@ -193,34 +194,34 @@ class Shooting:
         """Physical end states ``(ns, nint)`` and the data cost ``sum r^2 / 2``."""
         q, nodes = self.split(X)
         end, cost = self._map_values(nodes, self.data, self.theta(q))
-        return np.asarray(end), 0.5 * float(ca.sum2(cost))
+        return end, 0.5 * float(np.sum(cost))
 
     def evaluate(self, X: np.ndarray) -> Evaluation:
         """End states, scaled sensitivities and scaled Gram blocks."""
         q, nodes = self.split(X)
         end, sensitivity, packed = self._map_derivatives(nodes, self.data, self.theta(q))
         own = self.function.width
-        S = np.asarray(sensitivity).reshape(self.ns, self.nint, own).transpose(1, 0, 2)
+        S = sensitivity.reshape(self.ns, self.nint, own).transpose(1, 0, 2)
         rows, cols = self._triangle
         full = np.empty((self.nint, own + 1, own + 1))
-        full[:, rows, cols] = full[:, cols, rows] = np.asarray(packed).T
+        full[:, rows, cols] = full[:, cols, rows] = packed.T
         if self._place is not None:
             S, full = self._spread(S), self._spread_gram(full)
         scale = np.concatenate([self.scaling.slope(q), self.state_scale])
         both = np.append(scale, 1.0)
-        return Evaluation(np.asarray(end), S * (scale / self.state_scale[:, None]), full * np.outer(both, both))
+        return Evaluation(end, S * (scale / self.state_scale[:, None]), full * np.outer(both, both))
 
     def jacobian(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Scaled derivatives by ``[q, node]`` of every interval: of its weighted outputs ``(nint, K * ny, width)``, sample
         by sample, and of its end state ``(nint, ns, width)``."""
         q, nodes = self.split(X)
         function = jacobian_function(self.plant, self.function.selected, self.samples, self.substeps)
-        rows, ends = function.map(self.nint, "thread", threads())(nodes, self.data, self.theta(q))
+        rows, ends = Mapped(function, self.nint, threads())(nodes, self.data, self.theta(q))
         own = self.function.width
         scale = np.concatenate([self.scaling.slope(q), self.state_scale])
         found = []
         for item in (rows, ends):
-            blocks = np.asarray(item).reshape(-1, self.nint, own).transpose(1, 0, 2)
+            blocks = item.reshape(-1, self.nint, own).transpose(1, 0, 2)
             found.append((blocks if self._place is None else self._spread(blocks)) * scale)
         return found[0], found[1] / self.state_scale[:, None]
 

@@ -273,15 +273,25 @@ class _Function(ca.Callback):
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
         return self._outputs[i]
 
-    def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
-        X = np.asarray(arguments[0]).ravel()
+    def has_eval_buffer(self) -> bool:
+        return True
+
+    def eval_buffer(self, arguments: Sequence[memoryview | None], results: Sequence[memoryview | None]) -> int:
+        # an input that is not there stands for zeros
+        given = [
+            np.frombuffer(item) if item is not None and item.nbytes else np.zeros(rows * columns)
+            for item, (rows, columns) in zip(arguments, self._inputs, strict=True)
+        ]
         try:
-            found = self._compute(X, arguments)
+            found = self._compute(given[0].copy(), given)
         except KeyboardInterrupt as stop:
             # an exception cannot cross the solver: it is kept, and the next iteration stops
             self._evaluator.failure = stop
             found = [np.full(sparsity.nnz(), np.nan) for sparsity in self._outputs]
-        return [ca.DM(sparsity, value) for sparsity, value in zip(self._outputs, found, strict=True)]
+        for result, value in zip(results, found, strict=True):
+            if result is not None and result.nbytes:
+                np.frombuffer(result)[:] = value
+        return 0
 
 
 def _ipopt(evaluator: _Evaluator, options: dict) -> tuple[ca.Function, list[_Function]]:
@@ -302,7 +312,7 @@ def _ipopt(evaluator: _Evaluator, options: dict) -> tuple[ca.Function, list[_Fun
         return [evaluator.value(X)[1], evaluator.derivatives(X)[1]]
 
     def hessian(X: np.ndarray, given: list) -> list:
-        return [float(given[2]) * evaluator.derivatives(X)[2]]
+        return [float(given[2][0]) * evaluator.derivatives(X)[2]]
 
     fg = _Function("pneuid_fg", evaluator, [(n, 1)], [scalar, dense_g], objective)
     grad_f = _Function("pneuid_grad", evaluator, x_p, [scalar, ca.Sparsity.dense(n, 1)], gradient)
@@ -310,7 +320,7 @@ def _ipopt(evaluator: _Evaluator, options: dict) -> tuple[ca.Function, list[_Fun
     hess = _Function("pneuid_hess", evaluator, x_p + lam, [assembly.hess_sparsity], hessian)
 
     def progress(X: np.ndarray, given: list) -> list:
-        return [np.array([float(evaluator.after_iteration(X, float(given[1]), np.asarray(given[2]).ravel()))])]
+        return [np.array([float(evaluator.after_iteration(X, float(given[1][0]), given[2].copy()))])]
 
     shapes = [(n, 1), (1, 1), (m, 1), (n, 1), (m, 1), (0, 1)]
     each = _Function("pneuid_iteration", evaluator, shapes, [scalar], progress)
