@@ -6,7 +6,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from helpers import BENCH, TRUTH, base_fit, rig, servo_run, train_runs
+from scipy.sparse.linalg import splu
 
 from pneuid.errors import UserError
 from pneuid.estimation.differentiate import spline_motion
@@ -15,7 +17,7 @@ from pneuid.estimation.fit import Fit, Interrupted, fit
 from pneuid.estimation.noise import noise_from_roughness
 from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
 from pneuid.estimation.shooting import Shooting
-from pneuid.estimation.solver import solve_exact
+from pneuid.estimation.solver import _Assembly, solve_exact
 from pneuid.estimation.uncertainty import Uncertainty, uncertainty, verdicts
 from pneuid.physics.smoothing import FINE
 from pneuid.plant import Plant
@@ -248,8 +250,27 @@ def _single_shooting_covariance(problem: Shooting, X: np.ndarray) -> np.ndarray:
     return np.linalg.inv(information)[:nq, :nq]
 
 
+def _karush_kuhn_tucker_covariance(problem: Shooting, X: np.ndarray) -> np.ndarray:
+    """Covariance of q from the whole sparse matrix of the equality-constrained problem, nothing eliminated by hand."""
+    assembly, at = _Assembly(problem, relaxed=False), problem.evaluate(X)
+    H = assembly.hessian_matrix(assembly.gradient_and_hessian(at, X, 1.0)[1])
+    J = assembly.jacobian_matrix(assembly.jacobian(at, X))[: assembly.ndef]
+    weight = float(np.sqrt(H.diagonal().mean()))
+    system = sp.bmat([[H, weight * J.T], [weight * J, None]], format="csc")
+    return splu(system).solve(np.eye(system.shape[0], problem.nq))[: problem.nq]
+
+
+def test_standard_errors_are_those_of_the_equality_constrained_problem():
+    found = lugre_fit(1)
+    assert found.exact is not None and found.exact_problem is not None
+    problem, X = found.exact_problem, found.exact.X
+    covariance = _karush_kuhn_tucker_covariance(problem, X)
+    std = np.sqrt(np.diag(covariance)) * problem.scaling.slope(X[: problem.nq])
+    np.testing.assert_allclose(uncertainty(problem, X).std, std, rtol=1e-4)
+
+
 def test_standard_errors_are_those_of_single_shooting():
-    """The node states eliminated by continuity, against eliminated by propagation."""
+    """Against an elimination of the node states by propagation that was written apart."""
     found = lugre_fit(1)
     assert found.exact is not None
     problem = found.exact_problem

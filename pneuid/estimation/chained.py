@@ -56,7 +56,10 @@ class Chained(Shooting):
     def evaluate(self, X: np.ndarray) -> Evaluation:
         """End states, sensitivities and Gram blocks of the windows, by the chain rule from those of the intervals."""
         path, end, _ = self._path(X)
-        parts = self.base.evaluate(self.base.join(X[: self.nq], path))
+        return self.linked_up(self.base.evaluate(self.base.join(X[: self.nq], path)), end)
+
+    def linked_up(self, parts: Evaluation, end: np.ndarray) -> Evaluation:
+        """What the intervals' ``parts`` say of the windows, which end at the states ``end`` ``(ns, nint)``."""
         nq, ns, width = self.nq, self.ns, self.nq + self.ns
         # derivative of [q, interval's first state, 1] with respect to [q, window's first state, 1]
         inward = np.zeros((self.base.nint, width + 1, width + 1))

@@ -391,13 +391,17 @@ def solve_exact(problem: Shooting, X0: np.ndarray, monitor: Monitor | None = Non
     return _solve(problem, X0, False, "exact", SETTLED_EXACT, options, monitor)
 
 
-def constraint_system(problem: Shooting, X: np.ndarray) -> tuple[sp.csc_matrix, sp.csc_matrix]:
-    """Gauss-Newton Hessian (unscaled, priors included) and continuity Jacobian of the exact problem at ``X``."""
-    assembly = _Assembly(problem, relaxed=False)
+def window_hessian(problem: Shooting, X: np.ndarray) -> np.ndarray:
+    """Gauss-Newton Hessian (unscaled, priors included) of the cost by ``q`` and the state at the start of every stretch.
+
+    ``X`` is continuous, so what happens at the nodes between follows from those by the chain rule.
+    """
+    whole = Chained(problem)
     at = problem.evaluate(X)
-    _, hessian = assembly.gradient_and_hessian(at, X, 1.0)
-    jacobian = assembly.jacobian_matrix(assembly.jacobian(at, X))
-    return assembly.hessian_matrix(hessian), jacobian[: assembly.ndef]
+    joined = whole.linked_up(at, at.end[:, whole.starts + whole.lengths - 1])
+    assembly = _Assembly(whole, relaxed=True)
+    _, hessian = assembly.gradient_and_hessian(joined, whole.from_base(X), 1.0)
+    return assembly.hessian_matrix(hessian).toarray()
 
 
 def relaxed_system(problem: Shooting, X: np.ndarray) -> tuple[np.ndarray, sp.csc_matrix]:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from pneuid.estimation.shooting import Shooting
-from pneuid.estimation.solver import constraint_system
+from pneuid.estimation.solver import window_hessian
 
 WELL = 0.1
 """Relative standard error (or share of the typical size) below which a parameter is well determined."""
@@ -37,40 +35,41 @@ class Uncertainty:
 def uncertainty(problem: Shooting, X: np.ndarray) -> Uncertainty:
     """Gauss-Newton covariance of the free parameters at an exact solution, node states eliminated by continuity.
 
-    The upper left block of the inverse of the Karush-Kuhn-Tucker matrix of the equality-constrained problem;
-    Bock, Kostina, Schloeder, GAMM-Mitteilungen 30 (2007) 376, eq. (12). Parameters on a bound are held there, and
-    inequalities that hold with equality count as such.
+    The upper left block of the inverse of the Karush-Kuhn-Tucker matrix of the equality-constrained problem, condensed by
+    continuity to the parameters and the first states; Bock, Kostina, Schloeder, GAMM-Mitteilungen 30 (2007) 376, eq. (12).
+    Parameters on a bound are held there, and inequalities that hold with equality count as such.
     """
     q = X[: problem.nq]
     at_bound = problem.scaling.on_bound(q)
-    H, J = constraint_system(problem, X)
-    covariance = _covariance(problem, H, J, at_bound)
+    H = window_hessian(problem, X)
     value, slope = problem.constraints(q)
     active = value < ACTIVE
+    covariance = _covariance(H, slope[:0], at_bound)
     if active.any():
-        free = covariance
-        rows = sp.hstack([sp.csc_matrix(slope[active]), sp.csc_matrix((int(active.sum()), problem.size - problem.nq))])
-        covariance = _covariance(problem, H, sp.csc_matrix(sp.vstack([J, rows])), at_bound)
-        before, after = np.diag(free), np.diag(covariance)
-        at_bound = at_bound | ((before > 0) & (after < HELD**2 * before))
+        before = np.diag(covariance)
+        covariance = _covariance(H, slope[active], at_bound)
+        at_bound = at_bound | ((before > 0) & (np.diag(covariance) < HELD**2 * before))
     std_q = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     safe = np.where(std_q > 0, std_q, 1.0)
     return Uncertainty(std_q * problem.scaling.slope(q), covariance / np.outer(safe, safe), at_bound)
 
 
-def _covariance(problem: Shooting, H: sp.csc_matrix, J: sp.csc_matrix, held: np.ndarray) -> np.ndarray:
-    """Covariance ``(nq, nq)`` of the search variables under ``J dX = 0``, zero where ``held``."""
-    free = np.concatenate([np.flatnonzero(~held), np.arange(problem.nq, problem.size)])
-    H, J = H[free][:, free], J[:, free]
-    # the equalities are scaled so that both blocks of the matrix are of one size
-    weight = float(np.sqrt(H.diagonal().mean()))
-    below = sp.hstack([weight * J, sp.csc_matrix((J.shape[0], J.shape[0]))])
-    system = sp.csc_matrix(sp.vstack([sp.hstack([H, weight * J.T]), below]))
-    count = int((~held).sum())
-    right = np.zeros((system.shape[0], count))
-    right[:count, :count] = np.eye(count)
-    solution = splu(system).solve(right)[:count]
-    covariance = np.zeros((problem.nq, problem.nq))
+def _covariance(H: np.ndarray, rows: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """Covariance ``(nq, nq)`` of the search variables, zero where ``held``, under constraints with ``rows`` ``(m, nq)``."""
+    nq, m = held.size, rows.shape[0]
+    free = np.concatenate([np.flatnonzero(~held), np.arange(nq, H.shape[0])])
+    count, n = int((~held).sum()), free.size
+    # all in units of the diagonal, so that position and stiffness are of one size
+    size = np.sqrt(np.maximum(np.diag(H)[free], 1e-300))
+    system = np.zeros((n + m, n + m))
+    system[:n, :n] = H[np.ix_(free, free)] / np.outer(size, size)
+    wide = np.zeros((m, n))
+    wide[:, :count] = rows[:, ~held] / size[:count]
+    wide /= np.maximum(np.linalg.norm(wide, axis=1, keepdims=True), 1e-300)
+    system[n:, :n], system[:n, n:] = wide, wide.T
+    right = np.eye(n + m)[:, :count]
+    solution = np.linalg.solve(system, right)[:count] / np.outer(size[:count], size[:count])
+    covariance = np.zeros((nq, nq))
     covariance[np.ix_(~held, ~held)] = 0.5 * (solution + solution.T)
     return covariance
 
