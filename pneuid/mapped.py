@@ -5,6 +5,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+WORTH_A_THREAD = 16
+"""Columns below which starting a thread takes longer than the thread saves."""
 
 class Mapped:
     """``function`` applied to ``count`` columns side by side on ``threads`` threads.
@@ -14,7 +16,8 @@ class Mapped:
     """
 
     def __init__(self, function: ca.Function, count: int, threads: int = 1) -> None:
-        kind = ("thread", min(threads, count)) if threads > 1 else ("serial",)
+        threads = min(threads, count // WORTH_A_THREAD)
+        kind = ("thread", threads) if threads > 1 else ("serial",)
         self.count = count
         self._function = function if count == 1 else function.map(count, *kind)
         self._buffer, self._run = self._function.buffer()

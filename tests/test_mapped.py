@@ -20,7 +20,7 @@ def _function() -> ca.Function:
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-@given(data=st.data(), count=st.integers(1, 5))
+@given(data=st.data(), count=st.one_of(st.integers(1, 5), st.integers(30, 40)))
 def test_the_same_as_casadis_own_call(threads, data, count):
     function = _function()
     s = data.draw(hnp.arrays(float, (2, count), elements=finite))
