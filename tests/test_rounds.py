@@ -11,6 +11,7 @@ import pytest
 from pneuid.criticism import decision, rounds
 from pneuid.criticism.decision import _better_without, _rivals, _verdict
 from pneuid.criticism.diagnosis import Candidate, Diagnosis
+from pneuid.criticism.jumps import Jump
 from pneuid.criticism.prediction import NoiseFloor
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.screening import Score
@@ -147,8 +148,13 @@ def test_a_later_effect_must_promise_a_part_of_what_came_before():
     assert _round([score("gravity", 900.0)], [20.0], current=ALONE)[0].made == ["gravity"]
 
 
-def _looks(monkeypatch, errors, scores, tried=(), defects=(), afresh=None):
-    """A second look with scripted held-out errors, and costs of the training runs where not 27 000; what it made, and found."""
+def _looks(monkeypatch, errors, scores, tried=(), defects=(), afresh=None, jumps=None):
+    """A second look with scripted held-out errors, and costs of the training runs where not 27 000; what it made, and found.
+
+    ``jumps`` are drops that steps of a typical size promise, none where it has none.
+    """
+    promised = {one.effect.name: Jump((jumps or {}).get(one.effect.name, 0.0), {}) for one in scores}
+    monkeypatch.setattr(rounds, "jumped", lambda *_: promised)
     monkeypatch.setattr(rounds, "equation_defects", lambda _: defects)
     monkeypatch.setattr(rounds, "_typical_start", lambda *_: {})
     monkeypatch.setattr(rounds, "_set_out_small", lambda _, one: one.start.get("small", False))
@@ -157,6 +163,7 @@ def _looks(monkeypatch, errors, scores, tried=(), defects=(), afresh=None):
         fits=lambda trial: trial.fit.relaxed_cost,
     )  # fmt: skip
     refitter = Counting()
+    refitter.order = list(CATALOGUE)  # type: ignore[attr-defined]
     refitter.afresh = lambda _: afresh  # type: ignore[attr-defined]
     return refitter, rounds.second_looks(FIRST, scores, list(tried), judge, refitter, lambda _: None)
 
@@ -182,6 +189,13 @@ def test_a_second_look_ends_with_the_effect_that_explains_all(monkeypatch):
     errors = {"gravity": (50.0, 27_000.0), "backlash": (1.05, 27_000.0), "friction_lag": (1.0, 27_000.0)}
     _, found = _looks(monkeypatch, errors, [score(name, 5.0) for name in errors])
     assert [item.effect.name for item, _ in found] == ["gravity", "backlash"]
+
+
+def test_a_second_look_begins_with_what_promises_most_at_zero_or_at_a_step(monkeypatch):
+    errors = dict.fromkeys(("gravity", "backlash", "friction_lag", "load_mass"), (140.0, 27_000.0))
+    scores = [score(name, drop) for name, drop in zip(errors, (40.0, 3.0, 2.0, 1.0), strict=True)]
+    refitter, _ = _looks(monkeypatch, errors, scores, jumps={"backlash": 75.0, "load_mass": 35.0})
+    assert refitter.made == ["backlash", "gravity", "load_mass", "friction_lag"]
 
 
 @pytest.mark.parametrize(("error", "cost", "read"), [(50.0, 43_500.0, True), (50.0, 42_000.0, False), (140.0, 43_500.0, False)])
@@ -221,6 +235,30 @@ def test_break_away_is_read_anew_where_the_training_runs_fit_better_for_it(train
     judge = SimpleNamespace(small=0.15, trial=lambda *_: other, fits=lambda trial: trial.train["x"])
     refitter = SimpleNamespace(afresh=lambda fit: fit)
     assert rounds.settled(accepted, judge, refitter, lambda _: None) is (other if taken else accepted)
+
+
+@pytest.mark.parametrize(("read_anew", "named"), [(90.0, "backlash"), (70.0, "load_mass"), (160.0, "backlash")])
+def test_what_reading_break_away_anew_makes_worse_is_the_best_no_longer(read_anew, named, monkeypatch):
+    """load_mass leaves 60 and backlash 80 of 145, load_mass with its break-away read anew 90, 70 or 160."""
+    tried = [(score(name, 900.0), stub(error, 25_000.0, name)) for name, error in (("load_mass", 60.0), ("backlash", 80.0))]
+    ends = {"load_mass": stub(read_anew, 24_900.0, "load_mass"), "backlash": tried[1][1]}
+    monkeypatch.setattr(decision, "refitted", lambda *_: tried)
+    monkeypatch.setattr(decision, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(decision, "leaves_much", lambda *_: False)
+    monkeypatch.setattr(decision, "settled", lambda trial, *_: ends[trial.added])
+    *_, after, chosen = decision._round(FIRST, FIRST, [], JUDGE, SimpleNamespace(), False, lambda _: None)
+    assert chosen is not None and chosen[0].effect.name == named and chosen[1] is ends[named]
+    assert after[0][1] is ends["load_mass"], "what was tried is told as it ended"
+
+
+def test_an_effect_that_does_not_bear_reading_break_away_anew_is_not_accepted(monkeypatch):
+    tried = [(score("backlash", 900.0), stub(120.0, 42_900.0, "backlash"))]
+    monkeypatch.setattr(decision, "refitted", lambda *_: tried)
+    monkeypatch.setattr(decision, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(decision, "second_looks", lambda *_: tried)
+    monkeypatch.setattr(decision, "_loudest", lambda _: 1.0)
+    monkeypatch.setattr(decision, "settled", lambda *_: stub(180.0, 42_800.0, "backlash"))
+    assert decision._round(FIRST, FIRST, [], JUDGE, SimpleNamespace(), False, lambda _: None)[-1] is None
 
 
 def test_an_accepted_effect_that_leaves_noise_alone_is_left_alone():

@@ -147,8 +147,13 @@ def _round(
         tried = second_looks(current, scores, tried, judge, refitter, say)
         judge, current, first, tried = same_floor(judge, current, first, tried)
         chosen = accepted(tried, current, first, judge, adequate)
-    if chosen is not None:
-        chosen = chosen[0], settled(chosen[1], judge, refitter, say)
+    known: set[str] = set()
+    while chosen is not None and chosen[0].effect.name not in known:
+        # what fits the training runs better may predict worse; then another is the best, or none
+        known.add(chosen[0].effect.name)
+        better = settled(chosen[1], judge, refitter, say)
+        tried = [(score, better if score is chosen[0] else trial) for score, trial in tried]
+        chosen = accepted(tried, current, first, judge, adequate)
     return judge, current, first, tried, chosen
 
 

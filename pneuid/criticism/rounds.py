@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from pneuid.criticism.defects import equation_defects
+from pneuid.criticism.jumps import jumped
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.screening import Score
@@ -102,13 +103,16 @@ def second_looks(
     loudest = max(equation_defects(current.fit), key=lambda item: item.rms / max(item.expected_rms, 1e-12), default=None)
     acting = ACTING_ON[loudest.equation if loudest else "force"]
     known = {score.effect.name: trial for score, trial in tried}
-    left = [
+    open_ones = [
         score for score in scores
         if score.effect.equation in acting and (score.effect.name not in known or _set_out_small(current, score))
-    ][:SECOND_LOOKS]  # fmt: skip
-    if left:
+    ]  # fmt: skip
+    if open_ones:
         say(f"these leave much; a second look at what acts on {', '.join(acting)}")
-    asked = [Asked(score.effect, _typical_start(current, score), score.gain, way=1.0, anew=True) for score in left]
+    typical = {score.effect.name: _typical_start(current, score) for score in open_ones}
+    jumps = jumped(current.fit, scores, typical, refitter.order)
+    left = sorted(open_ones, key=lambda score: -max(score.drop, jumps[score.effect.name].drop))[:SECOND_LOOKS]
+    asked = [Asked(score.effect, jumps[score.effect.name].start, score.gain, way=1.0, anew=True) for score in left]
     looked = {score.effect.name: (score, trial) for score, trial in tried}
     for score, (_, make) in zip(left, refitter.each(current.fit, asked), strict=True):
         name, trial = score.effect.name, _tried(current, score, make, judge, say)

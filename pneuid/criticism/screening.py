@@ -9,7 +9,7 @@ of the time that derivatives by every effect of the catalogue take.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,7 +93,7 @@ def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list
 
 def screened(fitted: Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> list[Change]:
     """Predicted changes by every effect, in batches that share a compiled plant."""
-    return [change for batch in _batches(fitted.fit.plant, chosen) for change in _screened(fitted, batch, order)]
+    return [change for batch in batches(fitted.fit.plant, chosen) for change in _screened(fitted, batch, order)]
 
 
 class Fitted:
@@ -163,7 +163,7 @@ class Fitted:
         return np.asarray(change.raw + np.concatenate([rows.ravel(), ends.ravel()]))
 
 
-def _batches(plant: Plant, chosen: Sequence[Effect]) -> Iterator[list[Effect]]:
+def batches(plant: Plant, chosen: Sequence[Effect]) -> Iterator[list[Effect]]:
     """The candidates in their order, a few amplitudes and states at a time."""
     batch: list[Effect] = []
     columns = states = 0
@@ -185,24 +185,15 @@ def _amplitudes(plant: Plant, effect: Effect) -> list[Parameter]:
 
 def _screened(fitted: Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> list[Change]:
     """Predicted changes by the effects of one batch."""
-    old = fitted.fit.plant
-    position = {name: i for i, name in enumerate(order)}
-    every = sorted([*old.effects, *chosen], key=lambda effect: position.get(effect.name, len(position)))
-    plant = Plant(old.rig, old.law.name, every)
-    amplitudes = [item for effect in chosen for item in _amplitudes(plant, effect)]
-    off = {item.name: float(item.off or 0.0) for item in amplitudes}
-    values = plant.starts() | fitted.values | off
-    nodes = _rolled_out(fitted, plant, values)
+    batch = Batch(fitted, chosen, order)
+    plant, amplitudes = batch.plant, batch.amplitudes
     scaling = Scaling(amplitudes)
-    at = scaling.to_q(np.array(list(off.values())))
-    run = fitted.runner(plant)
-    before = fitted.response(run, plant, nodes, values)
-    columns = np.empty((before.size, len(amplitudes)))
+    at = scaling.to_q(np.array(list(batch.off.values())))
+    columns = np.empty((batch.before.size, len(amplitudes)))
     for j, item in enumerate(amplitudes):
         q = at.copy()
         q[j] += STEP
-        moved = fitted.response(run, plant, nodes, values | {item.name: float(scaling.to_values(q)[j])})
-        columns[:, j] = (moved - before) / STEP
+        columns[:, j] = batch.change({item.name: float(scaling.to_values(q)[j])}, batch.nodes) / STEP
     cross = fitted.cross(columns)
     prior = np.array([_prior(item) for item in amplitudes])
     solved = fitted.solver.solve(cross)
@@ -219,6 +210,30 @@ def _screened(fitted: Fitted, chosen: Sequence[Effect], order: Sequence[str]) ->
         drop = float(max(0.0, -(g[rows] @ step + 0.5 * step @ M[np.ix_(rows, rows)] @ step)))
         found.append(Change(effect, drop, start, columns[:, rows] @ step, cross[:, rows] @ step))
     return found
+
+
+class Batch:
+    """The fitted plant with some effects more, all of them off: how it responds when they are not."""
+
+    def __init__(self, fitted: Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> None:
+        old = fitted.fit.plant
+        position = {name: i for i, name in enumerate(order)}
+        every = sorted([*old.effects, *chosen], key=lambda effect: position.get(effect.name, len(position)))
+        self.fitted, self.plant = fitted, Plant(old.rig, old.law.name, every)
+        self.amplitudes = [item for effect in chosen for item in _amplitudes(self.plant, effect)]
+        self.off = {item.name: float(item.off or 0.0) for item in self.amplitudes}
+        self.values = self.plant.starts() | fitted.values | self.off
+        self.nodes = self.followed({})
+        self._run = fitted.runner(self.plant)
+        self.before = fitted.response(self._run, self.plant, self.nodes, self.values)
+
+    def followed(self, moved: Mapping[str, float]) -> np.ndarray:
+        """Nodes ``(ns, nint)`` with the effects' own states as they come out with the values ``moved``."""
+        return _rolled_out(self.fitted, self.plant, self.values | dict(moved))
+
+    def change(self, moved: Mapping[str, float], nodes: np.ndarray) -> np.ndarray:
+        """Change of the stacked residuals when some values (SI) are moved."""
+        return self.fitted.response(self._run, self.plant, nodes, self.values | dict(moved)) - self.before
 
 
 def _prior(item: Parameter) -> tuple[float, float]:

@@ -1,0 +1,78 @@
+"""Jumps: what effects promise that act in jerks only, and show nothing of themselves in a column at zero.
+
+Play, a film's lag or a memory change nothing at first order, so that screening predicts no drop for them. A step of a typical
+size does, as seen by the same projection orthogonal to what is fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pneuid.criticism.screening import Batch, Fitted, Score, batches
+from pneuid.effect import Effect
+from pneuid.estimation.fit import Fit
+
+JUMPS = (1.0, 0.3, -0.3, -1.0)
+"""Shares of a typical size at which an effect is looked at that may act in jerks."""
+
+FURTHEST = 2.0
+"""Largest multiple of a jump's change that counts."""
+
+
+@dataclass(frozen=True)
+class Jump:
+    """The best of an effect's sizable steps: predicted drop of half the sum of squares, and where the step leads (SI)."""
+
+    drop: float
+    start: dict[str, float]
+
+
+def jumped(
+    fit: Fit, scores: Sequence[Score], sizes: Mapping[str, Mapping[str, float]], order: Sequence[str]
+) -> dict[str, Jump]:
+    """What steps up and down promise, for the effects that ``sizes`` names with their values (SI) at a typical size.
+
+    ``scores`` are those of the screening of ``fit``, ``order`` the catalogue's. The drop is that of the best multiple of the
+    change that a step makes.
+    """
+    fitted = Fitted(fit)
+    found: dict[str, Jump] = {}
+    # the batches of the screening, whose plants are compiled already
+    for batch in batches(fit.plant, sorted((score.effect for score in scores), key=lambda effect: order.index(effect.name))):
+        wanted = [effect for effect in batch if effect.name in sizes]
+        if wanted:
+            found |= _jumps(fitted, Batch(fitted, batch, order), wanted, sizes)
+    return found
+
+
+def _jumps(
+    fitted: Fitted, batch: Batch, wanted: Sequence[Effect], sizes: Mapping[str, Mapping[str, float]]
+) -> dict[str, Jump]:
+    """The best jump of every wanted effect of one batch."""
+    found = {}
+    for effect in wanted:
+        size = sizes[effect.name]
+        items = [item for item in batch.amplitudes if item.name in size]
+        best = Jump(0.0, dict(size))
+        for part in JUMPS:
+            moved = {item.name: batch.off[item.name] + part * (size[item.name] - batch.off[item.name]) for item in items}
+            moved = {item.name: float(np.clip(moved[item.name], item.lower, item.upper)) for item in items}
+            change = batch.change(moved, batch.followed(moved) if effect.states else batch.nodes)
+            if np.all(np.isfinite(change)) and np.any(change):
+                drop = _drop_along(fitted, change)
+                best = Jump(drop, moved) if drop > best.drop else best
+        found[effect.name] = best
+    return found
+
+
+def _drop_along(fitted: Fitted, change: np.ndarray) -> float:
+    """Drop of half the sum of squares by the best multiple of a change, what is fitted following."""
+    cross = fitted.cross(change[:, None])[:, 0]
+    solved = fitted.solver.solve(cross)
+    curvature = max(float(change @ change - cross @ solved), 1e-12)
+    slope = float(change @ fitted.residual - solved @ fitted.gradient)
+    multiple = np.clip(-slope / curvature, 0.0, FURTHEST)
+    return float(-(slope * multiple + 0.5 * curvature * multiple**2))

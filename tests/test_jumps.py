@@ -1,0 +1,82 @@
+"""Effects that act in jerks promise something at a sizable step, and nothing does where nothing hides."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers import base_fit, scores
+
+from pneuid.criticism.jumps import Jump, jumped
+from pneuid.criticism.rounds import LEAST_DROP
+from pneuid.criticism.screening import Fitted
+from pneuid.effects import CATALOGUE
+from pneuid.plant import Plant
+
+NAMES = ("backlash", "friction_lag", "friction_direction", "gravity", "load_mass")
+TYPICAL = 3.0
+
+
+def sizes() -> dict[str, dict[str, float]]:
+    """Values at three times the scale of every amplitude of some effects on the force, upwards."""
+    fit = base_fit()
+    return {
+        name: {
+            item.name: min(item.off + TYPICAL * item.scale, item.upper)
+            for item in CATALOGUE[name].parameters(fit.plant.rig, fit.plant.law)
+            if item.off is not None
+        }
+        for name in NAMES
+    }
+
+
+@cache
+def jumps(hidden: str = "") -> dict[str, Jump]:
+    return jumped(base_fit(hidden), scores(hidden), sizes(), list(CATALOGUE))
+
+
+def test_play_promises_at_a_step_what_it_does_not_at_zero():
+    linear = {score.effect.name: score.drop for score in scores("backlash")}
+    assert linear["backlash"] < LEAST_DROP
+    assert max(linear, key=lambda name: linear[name]) != "backlash"
+    assert jumps("backlash")["backlash"].drop > max(LEAST_DROP, 3.0 * linear["backlash"])
+    assert max(jumps("backlash").values(), key=lambda jump: jump.drop) is jumps("backlash")["backlash"]
+
+
+def test_where_nothing_hides_no_step_promises_anything():
+    assert set(jumps()) == set(NAMES)
+    # four steps each of five effects, half a chi-square of one degree: above 10 once in 10^4
+    assert max(jump.drop for jump in jumps().values()) < 10.0
+
+
+def test_a_step_of_either_sign_is_tried():
+    up = sizes()
+    down = {name: {key: -value for key, value in found.items()} for name, found in up.items()}
+    hidden = "friction_direction"
+    there = jumped(base_fit(hidden), scores(hidden), {hidden: up[hidden]}, list(CATALOGUE))[hidden]
+    back = jumped(base_fit(hidden), scores(hidden), {hidden: down[hidden]}, list(CATALOGUE))[hidden]
+    assert there.drop > 500.0
+    assert there.drop == pytest.approx(back.drop, rel=1e-9) and there.start == pytest.approx(back.start)
+
+
+def test_the_drop_is_that_of_the_whole_quadratic_model():
+    """Against a dense least-squares solution with the change as one more column."""
+    fit = base_fit("gravity")
+    found = jumped(fit, scores("gravity"), {"gravity": sizes()["gravity"]}, list(CATALOGUE))["gravity"]
+    fitted = Fitted(fit)
+    order = list(CATALOGUE)
+    effects = sorted([*fit.plant.effects, CATALOGUE["gravity"]], key=lambda effect: order.index(effect.name))
+    plant = Plant(fit.plant.rig, fit.plant.law.name, effects)
+    run, off = fitted.runner(plant), plant.starts() | fitted.values
+    moved = fitted.response(run, plant, fitted.nodes, off | found.start)
+    change = moved - fitted.response(run, plant, fitted.nodes, off | dict.fromkeys(found.start, 0.0))
+    cross = fitted.cross(change[:, None])[:, 0]
+    follow = fitted.solver.solve(cross)
+    best = max(
+        (
+            -(m * (change @ fitted.residual - follow @ fitted.gradient) + 0.5 * m**2 * (change @ change - cross @ follow))
+            for m in np.linspace(0.0, 2.0, 2001)
+        ),
+    )
+    assert found.drop == pytest.approx(best, rel=1e-3)
