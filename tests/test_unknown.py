@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from pneuid.criticism.distil import _fitted
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.prediction import Frozen, noise_floor
 from pneuid.criticism.probes import Probing
-from pneuid.criticism.unknown import Found, _unknown, explained, ranking, search
+from pneuid.criticism.unknown import Found, _unknown, _with_second, explained, ranking, search
+from pneuid.effects import CATALOGUE
 from pneuid.effects._formula import SHAPES
 from pneuid.effects._spline import Term, curve, spline
 from pneuid.estimation.fit import Fit, fit
@@ -88,12 +90,18 @@ def test_search_names_it_and_judges_on_held_out_runs():
     assert raw["curve"]["unit"] == "N" and len(raw["curve"]["at"]) == len(raw["curve"]["std"])
 
 
-STOOD_IN = [(0.3, 0.95, "unknown"), (0.3, 0.7, "effect"), (0.7, 0.99, "unknown"), (0.8, 0.99, "effect")]
+STOOD_IN = [
+    ("friction_position", 0.3, 0.95, "unknown"), ("friction_position", 0.3, 0.7, "effect"),
+    ("friction_position", 0.7, 0.99, "unknown"), ("friction_position", 0.8, 0.99, "unknown"),
+    ("friction_position", 0.8, 0.88, "effect"), ("friction_position", 0.95, 0.99, "effect"),
+    # a force over x beside a force over x: what the effect's form lacks, while it explains most
+    ("load_spring", 0.8, 0.99, "effect"), ("load_spring", 0.7, 0.99, "unknown"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(("explains", "alone", "verdict"), STOOD_IN)
-def test_an_effect_that_stood_in_for_the_unknown_gives_way_to_it(explains, alone, verdict, monkeypatch):
-    """The named effect explains a share of the held-out excess of 99 floors, the unknown term alone another."""
+@pytest.mark.parametrize(("effect", "explains", "alone", "verdict"), STOOD_IN)
+def test_an_effect_that_stood_in_for_the_unknown_gives_way_to_it(effect, explains, alone, verdict, monkeypatch):
+    """The named effect explains a share of the held-out excess of 99 floors, the unknown force over x alone another."""
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
     assert named is not None
     monkeypatch.setattr(
@@ -101,13 +109,40 @@ def test_an_effect_that_stood_in_for_the_unknown_gives_way_to_it(explains, alone
     )
     rungs = [
         Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6)
-        for effects, error in (((), 10.0), (("friction_position",), np.sqrt(1.0 + 99.0 * (1.0 - explains))))
+        for effects, error in (((), 10.0), ((effect,), np.sqrt(1.0 + 99.0 * (1.0 - explains))))
     ]
-    diagnosis = Diagnosis("effect", ("friction_position",), (), Unknown("force", ("x",), 1.0, "N"))
-    found = explained(Verdict(diagnosis, base, base, rungs), [held]).diagnosis
+    diagnosis = Diagnosis("effect", (effect,), (), Unknown("force", ("x",), 1.0, "N"))
+    best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE[effect]]))
+    found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
     assert found.verdict == verdict
-    assert found.effects == (() if verdict == "unknown" else ("friction_position",))
+    assert found.effects == (() if verdict == "unknown" else (effect,))
     assert found.unknown is not None and found.unknown.curve is not None
+
+
+class _Probes:
+    """A search's probes with scripted predictions and costs: a leak of both chambers, of which one half leads."""
+
+    start_cost = 32_000.0
+
+    def __init__(self, pair_cost: float) -> None:
+        self.pair_cost = pair_cost
+
+    def screened(self, *terms: Term) -> float:
+        pair = {term.equation for term in terms} == {"flow_1", "flow_2"} and {term.signal for term in terms} == {"x"}
+        return 6000.0 if pair else 4600.0
+
+    def fitted(self, terms: list[Term]) -> SimpleNamespace:
+        return SimpleNamespace(terms=tuple(terms), cost=self.pair_cost if len(terms) > 1 else 27_500.0)
+
+
+@pytest.mark.parametrize(("pair_cost", "both"), [(26_200.0, True), (26_900.0, False)])
+def test_the_other_half_is_found_however_low_it_ranks_and_kept_where_it_is_worth_it(pair_cost, both):
+    first, other = Term("flow_2", "x", "dp"), Term("flow_1", "x", "dp")
+    crowd = [Term("valve", signal) for signal in ("psup", "x", "p1", "p2")] + [Term("flow_2", "p1"), Term("flow_2", "p2")]
+    ranked = [(4600.0 - 100.0 * k, term) for k, term in enumerate([first, *crowd, other])]
+    probes = _Probes(pair_cost)
+    found = _with_second(probes, ranked, probes.fitted([first]))  # type: ignore[arg-type]
+    assert found.terms == ((first, other) if both else (first,))
 
 
 AT = np.linspace(0.1, 0.4, 121)

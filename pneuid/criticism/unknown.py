@@ -47,8 +47,9 @@ LEADERS = 2
 NEAR = 0.6
 """Share of the leading term's predicted drop below which another is not fitted."""
 
-LEFT = 0.1
-"""Share of the cost above noise that the best term must leave for a second one to be tried beside it."""
+SECONDS = 2
+"""Leading terms of every other equation that are tried as a second one: a leak moves both chambers, and its other half may rank
+low before the first is in."""
 
 LEAST_EXPLAINED = 0.25
 """Share of the held-out excess that a term must remove to be named."""
@@ -56,9 +57,13 @@ LEAST_EXPLAINED = 0.25
 TIED = 0.03
 """Share of the drop of the cost within which two terms explain the data alike."""
 
-MUCH, NEARLY_ALL, HALF = 0.25, 0.9, 0.5
-"""A term alone takes the place of accepted effects that leave more than the first share of the held-out excess when it
-explains more than the second, or, where they are called a minor part already, leaves less than the third of what they leave."""
+LITTLE, MUCH = 0.1, 0.25
+"""Shares of the held-out excess left by accepted effects, above which a term of another equation may take their place, and
+above which any may: below that, a term of their own equation is what their form lacks."""
+
+NEARLY_ALL, HALF = 0.9, 0.5
+"""To do so it must alone explain more than the first share of the excess, or, where the effects are a minor part already, leave
+less than the second of what they leave."""
 
 Say = Callable[[str], None]
 
@@ -135,10 +140,8 @@ def _leaders(ranked: Sequence[tuple[float, Term]]) -> list[Term]:
 def _with_second(probing: Probing, ranked: Sequence[tuple[float, Term]], best: Joint) -> Joint:
     """The joint fit with a second term beside the best one, where it promises much more."""
     first = best.terms[0]
-    noise = 0.5 * probing.problem.weighted
-    if best.cost - noise < LEFT * (probing.start_cost - noise):
-        return best
-    others = [term for _, term in ranked[: 3 * LEADERS] if term.equation != first.equation]
+    equations = {term.equation for _, term in ranked} - {first.equation}
+    others = [term for name in sorted(equations) for term in [item for _, item in ranked if item.equation == name][:SECONDS]]
     alone = probing.screened(first)
     pairs = [(probing.screened(first, other), other) for other in others]
     drop, second = max(pairs, key=lambda item: item[0], default=(0.0, first))
@@ -189,8 +192,11 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
     )
     # effects that explain a good part of the held-out excess stand; what explains little may stand in for the rest
     minor = diagnosis.verdict == "unknown"
-    if diagnosis.effects and (minor or left > MUCH * excess):
+    if diagnosis.effects and (minor or left > LITTLE * excess):
         alone = search(verdict.base, hold_out, floor, say)
+        theirs = {item.equation for item in verdict.best.plant.effects if item.name in diagnosis.effects}
+        if alone is not None and alone.joint.terms[0].equation in theirs and not (minor or left > MUCH * excess):
+            alone = None
         if alone is not None and (alone.explained > NEARLY_ALL or (minor and alone.after - 1.0 < HALF * left)):
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
             found = replace(
