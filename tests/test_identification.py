@@ -18,7 +18,7 @@ from pneuid.estimation.noise import noise_from_roughness
 from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
 from pneuid.estimation.shooting import Shooting
 from pneuid.estimation.solver import _Assembly, solve_exact
-from pneuid.estimation.uncertainty import Uncertainty, uncertainty, verdicts
+from pneuid.estimation.uncertainty import Uncertainty, _covariance, uncertainty, verdicts
 from pneuid.physics.smoothing import FINE
 from pneuid.plant import Plant
 from pneuid.recording import Recording
@@ -286,6 +286,21 @@ def test_standard_errors_are_those_of_single_shooting():
     # what the fit reports is this, widened where the sensors' noise does not explain the residual (here it does)
     assert found.spread is not None
     np.testing.assert_allclose(found.spread.std, spread.std, rtol=1e-9)
+
+
+def test_what_nothing_sees_leaves_the_others_their_errors():
+    """Three parameters, of which the last shows nowhere, and one first state; the first is held, and constrained too."""
+    H = np.array([[4.0, 1.0, 0.0, 0.5], [1.0, 9.0, 0.0, 1.0], [0.0, 0.0, 0.0, 0.0], [0.5, 1.0, 0.0, 2.0]])
+    held = np.array([True, False, False])
+    found = _covariance(H, np.array([[1.0, 0.0, 0.0]]), held)
+    assert found[0, 0] == 0.0 and found[2, 2] > 1e10
+    assert found[1, 1] == pytest.approx(np.linalg.inv([[9.0, 1.0], [1.0, 2.0]])[0, 0], rel=1e-9)
+
+
+def test_a_constraint_between_two_parameters_takes_one_of_their_freedoms():
+    H, rows = np.diag([4.0, 9.0, 2.0]), np.array([[1.0, -1.0]])
+    found = _covariance(H, rows, np.array([False, False]))
+    np.testing.assert_allclose(found, np.full((2, 2), 1.0 / 13.0), rtol=1e-9)
 
 
 def test_a_parameter_on_its_bound_has_no_error_and_leaves_the_others_theirs():

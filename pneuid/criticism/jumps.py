@@ -40,8 +40,9 @@ def jumped(
     """
     fitted = Fitted(fit)
     found: dict[str, Jump] = {}
-    # the batches of the screening, whose plants are compiled already
-    for batch in batches(fit.plant, sorted((score.effect for score in scores), key=lambda effect: order.index(effect.name))):
+    position = {name: i for i, name in enumerate(order)}
+    every = sorted((score.effect for score in scores), key=lambda effect: position.get(effect.name, len(position)))
+    for batch in batches(fit.plant, every):  # those of the screening, whose plants are compiled already
         wanted = [effect for effect in batch if effect.name in sizes]
         if wanted:
             found |= _jumps(fitted, Batch(fitted, batch, order), wanted, sizes)

@@ -19,6 +19,9 @@ VISIBLE = 0.7
 ACTIVE = 1e-4
 """Value of an inequality, in units of its typical size, below which it holds with equality."""
 
+NOTHING = 1e-14
+"""Share of a parameter's own information that counts as none."""
+
 HELD = 0.5
 """Share of its own standard error below which an active inequality, not the data, fixes a parameter."""
 
@@ -60,9 +63,11 @@ def _covariance(H: np.ndarray, rows: np.ndarray, held: np.ndarray) -> np.ndarray
     free = np.concatenate([np.flatnonzero(~held), np.arange(nq, H.shape[0])])
     count, n = int((~held).sum()), free.size
     # all in units of the diagonal, so that position and stiffness are of one size
-    size = np.sqrt(np.maximum(np.diag(H)[free], 1e-300))
-    system = np.zeros((n + m, n + m))
-    system[:n, :n] = H[np.ix_(free, free)] / np.outer(size, size)
+    diagonal = np.diag(H)[free]
+    size = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    # what nothing sees, and a constraint among what is held, must not make the matrix singular
+    system = np.diag(np.append(np.full(n, NOTHING), np.full(m, -NOTHING)))
+    system[:n, :n] += H[np.ix_(free, free)] / np.outer(size, size)
     wide = np.zeros((m, n))
     wide[:, :count] = rows[:, ~held] / size[:count]
     wide /= np.maximum(np.linalg.norm(wide, axis=1, keepdims=True), 1e-300)
