@@ -98,7 +98,8 @@ def second_looks(
 ) -> Tried:
     """Those tried, and trials with others that act on the loudest balance, from typical amplitudes, until one explains all.
 
-    An effect whose refit set out far below a typical amplitude is tried again from there, and the better trial kept.
+    First come those that promise most, at zero or at a step of a typical size or of a part of it, from where that step leads. An
+    effect whose refit set out far below a typical amplitude is tried again, and the better trial kept.
     """
     loudest = max(equation_defects(current.fit), key=lambda item: item.rms / max(item.expected_rms, 1e-12), default=None)
     acting = ACTING_ON[loudest.equation if loudest else "force"]
@@ -107,8 +108,9 @@ def second_looks(
         score for score in scores
         if score.effect.equation in acting and (score.effect.name not in known or _set_out_small(current, score))
     ]  # fmt: skip
-    if open_ones:
-        say(f"these leave much; a second look at what acts on {', '.join(acting)}")
+    if not open_ones:
+        return list(tried)
+    say(f"these leave much; a second look at what acts on {', '.join(acting)}")
     typical = {score.effect.name: _typical_start(current, score) for score in open_ones}
     jumps = jumped(current.fit, scores, typical, refitter.order)
     left = sorted(open_ones, key=lambda score: -max(score.drop, jumps[score.effect.name].drop))[:SECOND_LOOKS]
