@@ -98,8 +98,8 @@ def second_looks(
 ) -> Tried:
     """Those tried, and trials with others that act on the loudest balance, from typical amplitudes, until one explains all.
 
-    First come those that promise most, at zero or at a step of a typical size or of a part of it, from where that step leads. An
-    effect whose refit set out far below a typical amplitude is tried again, and the better trial kept.
+    First come those that promise most, at zero or at a step of a typical size or of a part of it, from where that step leads.
+    An effect whose refit set out far below a typical amplitude is tried again, and the better trial kept.
     """
     loudest = max(equation_defects(current.fit), key=lambda item: item.rms / max(item.expected_rms, 1e-12), default=None)
     acting = ACTING_ON[loudest.equation if loudest else "force"]
