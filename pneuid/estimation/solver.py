@@ -274,9 +274,11 @@ class _Function(ca.Callback):
         return self._outputs[i]
 
     def has_eval_buffer(self) -> bool:
+        """CasADi asks: numbers come and go by address."""
         return True
 
     def eval_buffer(self, arguments: Sequence[memoryview | None], results: Sequence[memoryview | None]) -> int:
+        """One evaluation, nonzeros in and out; 0 says that it went well, NaN that it was stopped."""
         # an input that is not there stands for zeros
         given = [
             np.frombuffer(item) if item is not None and item.nbytes else np.zeros(rows * columns)
