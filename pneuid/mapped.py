@@ -18,7 +18,6 @@ class Mapped:
     def __init__(self, function: ca.Function, count: int, threads: int = 1) -> None:
         threads = min(threads, count // WORTH_A_THREAD)
         kind = ("thread", threads) if threads > 1 else ("serial",)
-        self.count = count
         self._function = function if count == 1 else function.map(count, *kind)
         self._buffer, self._run = self._function.buffer()
         self._sizes = [self._function.numel_in(i) for i in range(self._function.n_in())]

@@ -11,13 +11,14 @@ from helpers import BENCH, TRUTH, base_fit, rig, servo_run, train_runs
 from scipy.sparse.linalg import splu
 
 from pneuid.errors import UserError
+from pneuid.estimation.assembly import Assembly
 from pneuid.estimation.differentiate import spline_motion
 from pneuid.estimation.first_guess import first_guess, motions
 from pneuid.estimation.fit import Fit, Interrupted, fit
 from pneuid.estimation.noise import noise_from_roughness
 from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
 from pneuid.estimation.shooting import Shooting
-from pneuid.estimation.solver import _Assembly, solve_exact
+from pneuid.estimation.solver import solve_exact
 from pneuid.estimation.uncertainty import Uncertainty, _covariance, uncertainty, verdicts
 from pneuid.physics.smoothing import FINE
 from pneuid.plant import Plant
@@ -252,7 +253,7 @@ def _single_shooting_covariance(problem: Shooting, X: np.ndarray) -> np.ndarray:
 
 def _karush_kuhn_tucker_covariance(problem: Shooting, X: np.ndarray) -> np.ndarray:
     """Covariance of q from the whole sparse matrix of the equality-constrained problem, nothing eliminated by hand."""
-    assembly, at = _Assembly(problem, relaxed=False), problem.evaluate(X)
+    assembly, at = Assembly(problem, relaxed=False), problem.evaluate(X)
     H = assembly.hessian_matrix(assembly.gradient_and_hessian(at, X, 1.0)[1])
     J = assembly.jacobian_matrix(assembly.jacobian(at, X))[: assembly.ndef]
     weight = float(np.sqrt(H.diagonal().mean()))

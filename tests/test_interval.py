@@ -15,10 +15,11 @@ import pneuid.compiled
 import pneuid.interval
 from pneuid.compiled import compile_functions
 from pneuid.effects import effects_by_name
+from pneuid.estimation.assembly import Assembly, relaxed_system
 from pneuid.estimation.first_guess import first_nodes
 from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
 from pneuid.estimation.shooting import Shooting
-from pneuid.estimation.solver import _Assembly, _Evaluator, relaxed_system
+from pneuid.estimation.solver import _Evaluator
 from pneuid.interval import IntervalFunction, data_rows, interval_function, structure_key
 from pneuid.physics.smoothing import FINE
 from pneuid.plant import Plant
@@ -387,7 +388,7 @@ def test_a_trial_point_far_out_is_refused_by_the_solver_and_no_warning():
 
 def test_the_continuity_jacobian_agrees_with_differences():
     problem, X = _small_problem()
-    assembly = _Assembly(problem, relaxed=False)
+    assembly = Assembly(problem, relaxed=False)
     jacobian = assembly.jacobian_matrix(assembly.jacobian(problem.evaluate(X), X))[: assembly.ndef]
     dense = jacobian.toarray()
     assert dense.shape == (problem.linked.size * problem.ns, problem.size)

@@ -60,8 +60,8 @@ def test_a_step_of_either_sign_is_tried():
     assert there.drop == pytest.approx(back.drop, rel=1e-9) and there.start == pytest.approx(back.start)
 
 
-def test_the_drop_is_that_of_the_whole_quadratic_model():
-    """Against a dense least-squares solution with the change as one more column."""
+def test_the_drop_is_that_of_the_best_multiple_up_to_twice():
+    """Against a grid of multiples of the quadratic model."""
     fit = base_fit("gravity")
     found = jumped(fit, scores("gravity"), {"gravity": sizes()["gravity"]}, list(CATALOGUE))["gravity"]
     fitted = Fitted(fit)

@@ -17,10 +17,10 @@ from pneuid.criticism.defect_shapes import defect_shapes
 from pneuid.criticism.prediction import Frozen, Prediction, noise_floor, predict, rmse, typical
 from pneuid.criticism.screening import Fitted, Score, screen, screened
 from pneuid.effects import CATALOGUE
+from pneuid.estimation.assembly import relaxed_system
 from pneuid.estimation.fit import Fit, fit
 from pneuid.estimation.preparation import prepare
 from pneuid.estimation.shooting import Shooting
-from pneuid.estimation.solver import relaxed_system
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.virtual_rig import HIDDEN_EFFECTS, Friction, TruthBench, record_bench, sine, strokes

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pneuid.estimation.assembly import relaxed_system
 from pneuid.estimation.factor import factorised
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.shooting import Shooting
-from pneuid.estimation.solver import relaxed_system
 
 _BALANCES = (("force", "v", "N"), ("pressure_1", "p1", "kPa"), ("pressure_2", "p2", "kPa"))
 """Equation, the state whose jump it leaves, and the unit it is shown in (kPa per interval)."""

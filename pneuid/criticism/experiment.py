@@ -21,12 +21,13 @@ from pneuid.criticism.excitations import LOWER_SUPPLY, SERVO_LIBRARY, Axis, Exci
 from pneuid.criticism.refits import Asked, Standing, refit
 from pneuid.criticism.screening import screen
 from pneuid.effect import Effect
+from pneuid.estimation.assembly import relaxed_system
 from pneuid.estimation.curves import relaxed_covariance
 from pneuid.estimation.factor import factorised
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import prepare
 from pneuid.estimation.shooting import Shooting, relaxed_smoothing
-from pneuid.estimation.solver import Monitor, relaxed_system
+from pneuid.estimation.solver import Monitor
 from pneuid.interval import trajectory_function
 from pneuid.physics.gas import R_AIR, RHO_REFERENCE
 from pneuid.recording import Recording

@@ -16,10 +16,10 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from pneuid.effect import Effect, Parameter
+from pneuid.estimation.assembly import relaxed_system
 from pneuid.estimation.factor import factorised
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.shooting import Scaling, threads
-from pneuid.estimation.solver import relaxed_system
 from pneuid.interval import trajectory_function
 from pneuid.mapped import Mapped
 from pneuid.plant import Plant

@@ -195,9 +195,9 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
     if diagnosis.effects and (minor or left > LITTLE * excess):
         alone = search(verdict.base, hold_out, floor, say)
         theirs = {item.equation for item in verdict.best.plant.effects if item.name in diagnosis.effects}
-        if alone is not None and alone.joint.terms[0].equation in theirs and not (minor or left > MUCH * excess):
-            alone = None
-        if alone is not None and (alone.explained > NEARLY_ALL or (minor and alone.after - 1.0 < HALF * left)):
+        any_may = minor or left > MUCH * excess
+        may = alone is not None and (any_may or alone.joint.terms[0].equation not in theirs)
+        if alone is not None and may and (alone.explained > NEARLY_ALL or (minor and alone.after - 1.0 < HALF * left)):
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
             found = replace(
                 diagnosis, verdict="unknown", effects=(), unknown=_unknown(alone),

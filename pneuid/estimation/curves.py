@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from pneuid.effects._spline import Spline, Term, curve_columns
+from pneuid.estimation.assembly import relaxed_system
 from pneuid.estimation.factor import factorised
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import Run
-from pneuid.estimation.solver import relaxed_system
 
 POINTS = 121
 """Places along the signal at which a shape is stored."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pneuid.estimation.assembly import window_hessian
 from pneuid.estimation.shooting import Shooting
-from pneuid.estimation.solver import window_hessian
 
 WELL = 0.1
 """Relative standard error (or share of the typical size) below which a parameter is well determined."""
