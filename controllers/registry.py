@@ -15,8 +15,8 @@ from controllers.servo import Servo
 from controllers.tuning import (
     Design,
     Trial,
+    cascade_bandwidth,
     cascade_gains,
-    default_bandwidth,
     mpc_bandwidth,
     mpc_gains,
     pid_gains,
@@ -58,7 +58,7 @@ def _cascade(
         return kind(model, only(cascade_gains(model, design, FAST)), FAST)
 
     def refine(controller: Any, model: ControlModel, design: Design) -> None:
-        w = design.bandwidth or default_bandwidth(model, design.supply, FAST)
+        w = design.bandwidth or cascade_bandwidth(model, design.supply, FAST)
 
         def gains_at(factor: float) -> CascadeGains:
             return only(cascade_gains(model, replace(design, bandwidth=factor * w), FAST))

@@ -20,6 +20,7 @@ from controllers import loop
 from controllers.base import Controller
 from controllers.cascade import CascadeGains
 from controllers.control_model import ControlModel
+from controllers.inverse_valve import led_force_rate
 from controllers.model_plant import ModelPlant
 from controllers.mpc import MpcGains
 from controllers.pid import PidGains
@@ -44,7 +45,7 @@ class Design:
 
     supply : pressure the gains are made for, Pa absolute; alpha : share of the friction model that is believed;
     hold : m, see ``CascadeGains`` (the predictive controller needs none); learning : rate at which the share of friction is
-    learned, see ``LEARNING``; bandwidth : rad/s, None for what ``default_bandwidth`` finds.
+    learned, see ``LEARNING``; bandwidth : rad/s, None for what the model allows.
     """
 
     supply: float
@@ -56,15 +57,16 @@ class Design:
 
 @dataclass(frozen=True)
 class Authority:
-    """The plant linearised at rest at mid-stroke.
+    """The plant linearised at rest at mid-stroke, effects that follow the command late (a spool, a tube) having followed.
 
     gain : pressure-force rate per command, N/(s V); fastest : largest pressure-force rate, N/s; stiffness : of the two
-    air springs, N/m.
+    air springs, N/m; delay : mean delay of the pressure-force rate behind the command, s (0 for a prompt valve).
     """
 
     gain: float
     fastest: float
     stiffness: float
+    delay: float
 
 
 REACH = 0.3
@@ -73,35 +75,52 @@ REACH = 0.3
 TYPICAL_ERROR = 1e-3
 """Position error, m, that should not saturate the valve."""
 
+FOLLOWED = 0.05
+"""Seconds after which a spool or a tube has followed the command, and a wall has hardly warmed."""
+
 SAMPLES_PER_RADIAN = 12.0
 """Samples per radian of the cascade's bandwidth: leaves its force loop, 3 times faster, half a radian of delay."""
+
+RADIANS_OF_LAG = 0.5
+"""Largest product of the cascade's bandwidth and the valve's delay: the force loop then has the time constant of the lag. At
+0.76 the loop breaks down where the valve's slew is limited."""
 
 
 def authority(model: ControlModel, supply: float) -> Authority:
     """Linearise the model at rest at mid-stroke under ``supply`` [Pa, absolute]."""
     s, u, theta = ca.SX.sym("s", model.states), ca.SX.sym("u"), model.theta_symbol()
     psup = ca.SX.sym("psup")
-    rate = ca.Function("rate", [s, u, psup, theta], [model.instant(s, u, psup, theta).force_rate])
+    lead = ca.SX.sym("lead")
+    rate = ca.Function("rate", [s, u, psup, lead, theta], [led_force_rate(model, s, u, psup, lead, theta)])
     patm, full = model.value("patm"), model.value("full_scale")
     level = patm + 0.6 * (supply - patm)
     rest = model.rest(0.5 * model.value("stroke"), level, level)
 
-    def at(share: float, speed: float = 0.0) -> float:
+    def at(share: float, speed: float = 0.0, after: float = FOLLOWED) -> float:
         moving = rest.copy()
         moving[1] = speed
-        return float(rate(moving, model.neutral + share * full, supply, model.theta))
+        return float(rate(moving, model.neutral + share * full, supply, after, model.theta))
 
+    after = np.linspace(0.0, FOLLOWED, 51)
+    swing = np.array([at(REACH, after=float(t)) - at(-REACH, after=float(t)) for t in after])
     return Authority(
-        gain=(at(REACH) - at(-REACH)) / (2.0 * REACH * full),
+        gain=float(swing[-1]) / (2.0 * REACH * full),
         fastest=min(at(1.0), -at(-1.0)),
         stiffness=at(0.0, -0.5) - at(0.0, 0.5),
+        delay=float(np.trapezoid(np.maximum(1.0 - swing / swing[-1], 0.0), after)),
     )
 
 
 def default_bandwidth(model: ControlModel, supply: float, sample_time: float) -> float:
-    """Bandwidth of the cascade in rad/s: sample time and valve both set a limit."""
+    """Bandwidth in rad/s that the sample time and the valve's flow allow."""
     jerk = authority(model, supply).fastest / model.mass
     return float(min(1.0 / (SAMPLES_PER_RADIAN * sample_time), 0.6 * (jerk / TYPICAL_ERROR) ** (1.0 / 3.0)))
+
+
+def cascade_bandwidth(model: ControlModel, supply: float, sample_time: float) -> float:
+    """Bandwidth of the cascade in rad/s: a valve that lags limits it too, since the inverse valve has to lead by the lag."""
+    delay = max(authority(model, supply).delay, 1e-9)
+    return min(default_bandwidth(model, supply, sample_time), RADIANS_OF_LAG / delay)
 
 
 def mpc_bandwidth(model: ControlModel, supply: float, sample_time: float) -> float:
@@ -123,7 +142,7 @@ def cascade_gains(model: ControlModel, design: Design, sample_time: float) -> Ca
 
     The integral term is for the cascade without compensation; set it to zero where a residual force is estimated.
     """
-    w = design.bandwidth or default_bandwidth(model, design.supply, sample_time)
+    w = design.bandwidth or cascade_bandwidth(model, design.supply, sample_time)
     observer = 4.0 * w
     return CascadeGains(
         position=w**2, damping=2.0 * w, integral=0.25 * w**3, force=2.5 * w, hold=design.hold, lead=2.0 * sample_time,

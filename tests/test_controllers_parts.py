@@ -21,10 +21,11 @@ from controllers.nominal import nominal_model, rig_of
 from controllers.pid import Pid
 from controllers.references import Sine, Steps
 from controllers.registry import CONTROLLERS, build
-from controllers.tuning import Design, Trial, authority, default_bandwidth, pid_gains, refine_gains
+from controllers.tuning import Design, Trial, authority, cascade_bandwidth, default_bandwidth, pid_gains, refine_gains
 from pneuid.effects import effects_by_name
 from pneuid.plant import Plant
 from pneuid.rig import Rig
+from pneuid.virtual_rig.hidden import Hidden
 from pneuid.virtual_rig.servo import ServoPlant
 from pneuid.virtual_rig.truth import TruthServo
 
@@ -45,7 +46,7 @@ BASE = model_with([])
 VALVES = {
     "base": InverseValve(BASE, 2e-3),
     "dead zone, leak, droop": InverseValve(
-        model_with(["valve_dead_zone", "leakage_internal", "supply_droop"], dead_zone=0.05, R_supply=2e7), 2e-3
+        model_with(["valve_dead_zone", "leakage_internal", "supply_droop"], dead_zone=0.05, r_supply=0.1), 2e-3
     ),
 }
 
@@ -213,6 +214,34 @@ def test_authority_is_linear_where_the_valve_is_sonic():
 
 def test_a_slower_sample_time_means_a_lower_bandwidth():
     assert default_bandwidth(BASE, SUPPLY, 4e-3) < default_bandwidth(BASE, SUPPLY, 1e-3)
+
+
+@pytest.mark.parametrize(("effect", "delay"), [("valve_lag", "tau_valve"), ("line_delay", "tau_line")])
+def test_a_lag_delays_the_authority_and_leaves_its_size(effect, delay):
+    """Taken at the instant of the command, a valve that follows late would seem to have no gain at all."""
+    prompt, late = authority(BASE, SUPPLY), authority(model_with([effect], **{delay: 4e-3}), SUPPLY)
+    assert late.gain == pytest.approx(prompt.gain, rel=0.02)
+    assert late.fastest == pytest.approx(prompt.fastest, rel=0.02)
+    assert prompt.delay == 0.0
+    assert late.delay == pytest.approx(4e-3, rel=0.03)
+
+
+def test_only_a_slow_valve_lowers_the_cascade_s_bandwidth():
+    allowed = default_bandwidth(BASE, SUPPLY, 1e-3)
+    fast, slow = (model_with(["valve_lag"], tau_valve=tau) for tau in (2e-3, 10e-3))
+    assert cascade_bandwidth(BASE, SUPPLY, 1e-3) == allowed
+    assert cascade_bandwidth(fast, SUPPLY, 1e-3) == pytest.approx(allowed, rel=1e-3)
+    assert cascade_bandwidth(slow, SUPPLY, 1e-3) * 10e-3 == pytest.approx(0.5, rel=0.05)
+
+
+@pytest.mark.parametrize(("lag", "most"), [(5e-3, 0.1e-3), (10e-3, 0.25e-3)])
+def test_the_servo_follows_through_a_lag_it_knows(lag, most):
+    """On a rig whose spool lags and slews no faster than half its full scale per lag."""
+    servo = CONTROLLERS["servo"].build(model_with(["valve_lag"], tau_valve=lag), Design(SUPPLY))
+    plant = ServoPlant(TRUTH, Hidden(valve_lag=lag))
+    track = Sine("sine", 0.25, 2.0, 0.05, 1.0, 0.5)
+    found = loop.metrics(loop.run(servo, plant, track, SUPPLY, seed=1))
+    assert found.rms < most
 
 
 def test_refinement_never_worsens_and_repeats_exactly():
