@@ -83,23 +83,17 @@ class ControlModel:
         return theta[self.plant.theta_names.index(name)]
 
     def moving_mass(self, theta: Any) -> Any:
-        """Moving mass in kg, effects included: bristle force over the acceleration it causes, exact since linear."""
+        """Moving mass in kg, effects included."""
         patm = self.named(theta, "patm")
-        reach = 1e-5
-        at = [self._resting(patm, theta, z) for z in (0.0, reach)]
-        return -(at[1].friction - at[0].friction) / (at[1].explicit[1] - at[0].explicit[1])
-
-    def _resting(self, patm: Any, theta: Any, z: float) -> Any:
-        x = 0.5 * self.named(theta, "stroke")
-        state = ca.vertcat(x, 0.0, patm, patm, z, ca.DM(self.effect_start))
-        return self.plant.evaluate(state, [self.neutral, patm], theta)
+        state = ca.vertcat(0.5 * self.named(theta, "stroke"), 0.0, patm, patm, 0.0, ca.DM(self.effect_start))
+        return self.plant.evaluate(state, [self.neutral, patm], theta).mass
 
     def instant(self, s: Any, u: Any, psup: Any, theta: Any) -> Instant:
         """Forces and rates at plant state ``s``, command ``u`` [V] and supply ``psup`` [Pa, absolute]."""
         stages = self.plant.evaluate(s, [u, psup], theta)
         A1, A2, patm = (self.named(theta, name) for name in ("A1", "A2", "patm"))
         pushing = (s[P1] - patm) * A1 - (s[P2] - patm) * A2
-        mass = self.moving_mass(theta)
+        mass = stages.mass
         acceleration = stages.explicit[1]
         rates = (stages.explicit[2], stages.explicit[3])
         other = mass * acceleration + stages.friction - pushing
@@ -118,8 +112,5 @@ class KnownFriction:
         self.explicit_count = model.plant.explicit_count
 
     def evaluate(self, s: Any, w: Any, theta: Any) -> Any:
-        """All stages of the plant, the acceleration corrected for the known friction."""
-        stages = self.model.plant.evaluate(s, w, theta)
-        replaced = (1.0 - self.alpha) * stages.friction - self.residual
-        stages.explicit[1] = stages.explicit[1] + replaced / self.model.moving_mass(theta)
-        return stages
+        """All stages of the plant under the known friction."""
+        return self.model.plant.evaluate(s, w, theta, lambda own: self.alpha * own + self.residual)

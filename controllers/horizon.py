@@ -9,6 +9,7 @@ velocity and at the pressures last predicted, scaled by ``alpha``, plus the resi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from controllers.control_model import EFFECTS, ControlModel
 from pneuid.compiled import compile_functions
 from pneuid.plant import Stages
+from pneuid.step import relaxed
 
 
 @dataclass(frozen=True)
@@ -49,13 +51,24 @@ def build_horizon(model: ControlModel, N: int, interval: float) -> Horizon:
     return Horizon(dynamics, friction, N, scale.size, interval, scale, compiled)
 
 
-def _rates(model: ControlModel, core: ca.SX, u: ca.SX, psup: ca.SX, force: ca.SX, theta: ca.SX) -> ca.SX:
-    """Rates of position, velocity, pressures and effect states under a known friction ``force`` [N]."""
-    s = ca.vertcat(core[:4], 0.0, core[4:])
-    stages = model.plant.evaluate(s, [u, psup], theta)
-    acceleration = stages.explicit[1] + (stages.friction - force) / model.moving_mass(theta)
-    later = [source - decay * core[4 + i] for i, (source, decay) in enumerate(stages.relaxing[1:])]
-    return ca.vertcat(stages.explicit[0], acceleration, *stages.explicit[2:], *later)
+def _advanced(start: ca.SX, at: Stages, h: float) -> ca.SX:
+    """State without the bristle after ``h`` seconds at the rates of ``at``: effect states by their exact exponential."""
+    moved = [start[i] + h * rate for i, rate in enumerate(at.explicit)]
+    moved += [relaxed(start[4 + i], source, decay, h) for i, (source, decay) in enumerate(at.relaxing[1:])]
+    return ca.vertcat(*moved)
+
+
+def _mean(of: list[Stages]) -> Stages:
+    """Rates of a step by the weights of the classical Runge-Kutta rule."""
+
+    def mean(values: tuple[Any, ...]) -> Any:
+        return (values[0] + 2.0 * values[1] + 2.0 * values[2] + values[3]) / 6.0
+
+    pairs = zip(*(at.relaxing for at in of), strict=True)
+    return Stages(
+        explicit=[mean(values) for values in zip(*(at.explicit for at in of), strict=True)],
+        relaxing=[(mean(sources), mean(decays)) for sources, decays in (zip(*pair, strict=True) for pair in pairs)],
+    )
 
 
 def _dynamics(model: ControlModel, N: int, interval: float) -> ca.Function:
@@ -64,7 +77,11 @@ def _dynamics(model: ControlModel, N: int, interval: float) -> ca.Function:
 
 
 def stage_function(model: ControlModel, interval: float) -> ca.Function:
-    """``(s, du, force, psup, theta) -> (next, A, B)``: a classical Runge-Kutta step with its derivatives, scaled."""
+    """``(s, du, force, psup, theta) -> (next, A, B)``: a classical Runge-Kutta step with its derivatives, scaled.
+
+    Effect states relax by exponentials at rates frozen within each stage of the rule: a contact that lets go within a few
+    micrometres has eigenvalues that no explicit rule carries over ``interval``.
+    """
     scale = ca.DM(stage_scale(model))
     nx = scale.numel()
     s, du = ca.SX.sym("s", nx), ca.SX.sym("du")
@@ -73,14 +90,14 @@ def stage_function(model: ControlModel, interval: float) -> ca.Function:
     u = (s[nx - 1] + du) * scale[nx - 1]
     core, h = s[: nx - 1] * size, interval
 
-    def rates(at: ca.SX) -> ca.SX:
-        return _rates(model, at, u, psup, force, theta)
+    def rates(at: ca.SX) -> Stages:
+        return model.plant.evaluate(ca.vertcat(at[:4], 0.0, at[4:]), [u, psup], theta, lambda _: force)
 
     k1 = rates(core)
-    k2 = rates(core + 0.5 * h * k1)
-    k3 = rates(core + 0.5 * h * k2)
-    k4 = rates(core + h * k3)
-    after = ca.vertcat((core + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)) / size, s[nx - 1] + du)
+    k2 = rates(_advanced(core, k1, 0.5 * h))
+    k3 = rates(_advanced(core, k2, 0.5 * h))
+    k4 = rates(_advanced(core, k3, h))
+    after = ca.vertcat(_advanced(core, _mean([k1, k2, k3, k4]), h) / size, s[nx - 1] + du)
     outputs = [after, ca.densify(ca.jacobian(after, s)), ca.densify(ca.jacobian(after, du))]
     return ca.Function("controllers_stage", [s, du, force, psup, theta], ca.cse(outputs))
 

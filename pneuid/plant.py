@@ -6,7 +6,7 @@ rig and the run, then the smoothing widths. So compiled code depends on the stru
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
@@ -203,8 +203,13 @@ class Plant:
             {name: theta[i] for i, name in enumerate(self.theta_names)},
         )
 
-    def evaluate(self, s: Any, w: Any, theta: Any) -> Stages:
-        """All stages at state ``s``, input ``w`` and ``theta`` (indexable, numbers or symbols)."""
+    def evaluate(
+        self, s: Any, w: Any, theta: Any, friction: Callable[[Expression], Expression] | None = None
+    ) -> Stages:
+        """All stages at state ``s``, input ``w`` and ``theta`` (indexable, numbers or symbols).
+
+        friction : what resists the motion [N, against +v] where another than the model's own, which it is given, is known.
+        """
         state, given, th = self._named(s, w, theta)
         known = given | state
         if self.servo:
@@ -216,7 +221,7 @@ class Plant:
         stages = Stages()
         if self.servo:
             self._pneumatics(stages, known, th, scopes)
-        self._mechanics(stages, known, th, scopes)
+        self._mechanics(stages, known, th, scopes, friction)
         for effect, scope in zip(self.effects, scopes, strict=True):
             scope.F = stages.outputs.get("F")
             targets = effect.relaxations(scope)
@@ -273,7 +278,10 @@ class Plant:
             scope.p1_rate, scope.p2_rate = rate1, rate2
         stages.explicit = [rate1, rate2]
 
-    def _mechanics(self, stages: Stages, known: dict, th: dict, scopes: list[Scope]) -> None:
+    def _mechanics(
+        self, stages: Stages, known: dict, th: dict, scopes: list[Scope],
+        replaced: Callable[[Expression], Expression] | None,
+    ) -> None:  # fmt: skip
         """Friction and force balance: the second half of the evaluation order."""
         x, v, z = known["x"], known["v"], known["z"]
         base = {name: th[name] for name in self.law.fitted}
@@ -288,6 +296,7 @@ class Plant:
         for effect, scope in zip(self.effects, scopes, strict=True):
             resisting = effect.friction(resisting, scope)
             mass = effect.mass(mass, scope)
+        resisting = resisting if replaced is None else replaced(resisting)
         for scope in scopes:
             scope.mass, scope.friction = mass, resisting
         other = -resisting - mass * motion.GRAVITY * ca.sin(th["incline"])

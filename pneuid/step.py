@@ -25,7 +25,7 @@ LARGEST_SUBSTEPS = 40
 """More substeps than this per sample mean a sample rate too low for the friction asked for."""
 
 
-def _relax(s: Any, source: Any, decay: Any, h: Any) -> Any:
+def relaxed(s: Any, source: Any, decay: Any, h: Any) -> Any:
     """Exact solution after ``h`` of ``ds/dt = source - decay s`` with both frozen."""
     q = ca.fmax(decay * h, 1e-12)
     return s + (s - source * h / q) * ca.expm1(-q)
@@ -34,7 +34,7 @@ def _relax(s: Any, source: Any, decay: Any, h: Any) -> Any:
 def _advance(plant: Plant, s: Any, at: Any, h: Any) -> Any:
     count = plant.explicit_count
     moved = [s[i] + h * at.explicit[i] for i in range(count)]
-    moved += [_relax(s[count + i], source, decay, h) for i, (source, decay) in enumerate(at.relaxing)]
+    moved += [relaxed(s[count + i], source, decay, h) for i, (source, decay) in enumerate(at.relaxing)]
     return ca.vertcat(*moved)
 
 
