@@ -149,14 +149,18 @@ def hidden_of(case: Case, bore: float) -> Hidden:
     return in_proportion(hidden, bore)
 
 
-def servo_runs(case: Case) -> tuple[list[Recording], list[Recording], Rig]:
-    """Training runs, held-out runs and the rig file of a servo case."""
+def servo_rig(case: Case) -> tuple[RandomServo, float]:
+    """The rig of a servo case, and its highest supply, Pa gauge."""
     if case.rig == "random":
         drawn = random_servo(case.seed, SHEET_ERROR if case.category == "sheet" else 0.0)
-        top = drawn.truth.supply - ATMOSPHERE
-    else:
-        truth = TruthServo().scaled(BORES.get(case.rig, 0.032))
-        drawn, top = RandomServo(truth, SERVO_SENSORS, 1000.0, Sheet(conductance=0.8)), TOP_SUPPLY
+        return drawn, drawn.truth.supply - ATMOSPHERE
+    truth = TruthServo().scaled(BORES.get(case.rig, 0.032))
+    return RandomServo(truth, SERVO_SENSORS, 1000.0, Sheet(conductance=0.8)), TOP_SUPPLY
+
+
+def servo_runs(case: Case) -> tuple[list[Recording], list[Recording], Rig]:
+    """Training runs, held-out runs and the rig file of a servo case."""
+    drawn, top = servo_rig(case)
     duration = float(np.clip(6.0, 1500.0 / drawn.rate, max(3.0, 15000.0 / drawn.rate)))
     supplies = {f"run_{i + 1}.csv": share * top for i, (_, share) in enumerate(PLAN)}
     rig = Rig.from_dict(tomllib.loads(drawn.rig_toml(supplies)))

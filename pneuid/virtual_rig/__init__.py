@@ -13,15 +13,15 @@ from pneuid.virtual_rig.hidden import NOTHING, Hidden
 from pneuid.virtual_rig.motion import MOTIONS, Motion, reciprocation, sine, strokes
 from pneuid.virtual_rig.presets import BENCH_EFFECTS, HIDDEN_EFFECTS, OUTSIDE_EFFECTS, Outside, in_proportion, preset
 from pneuid.virtual_rig.random_rigs import RandomBench, RandomServo, Sheet, random_bench, random_servo
-from pneuid.virtual_rig.recording import record_servo
+from pneuid.virtual_rig.recording import record_command, record_servo
 from pneuid.virtual_rig.sensors import BENCH_SENSORS, CONTROL_SENSORS, IDEAL_SENSORS, SERVO_SENSORS, Sensors
 from pneuid.virtual_rig.servo import ServoPlant, run_open_loop
 from pneuid.virtual_rig.truth import ATMOSPHERE, TruthBench, TruthServo
 
 __all__ = [
     "ATMOSPHERE", "BENCH_EFFECTS", "BENCH_SENSORS", "CONTROL_SENSORS", "EXCITATIONS", "FRICTION_2011", "HIDDEN_EFFECTS",
-    "IDEAL_SENSORS", "MOTIONS", "NOTHING", "OUTSIDE_EFFECTS", "SERVO_SENSORS", "Excitation", "Friction", "Hidden", "Motion",
-    "Outside", "RandomBench", "RandomServo", "Sensors", "ServoPlant", "Sheet", "TruthBench", "TruthServo", "in_proportion",
-    "preset", "random_bench", "random_servo", "reciprocation", "record_bench", "record_servo", "run_open_loop", "sine",
-    "steady_friction", "strokes", "write_csv",
+    "IDEAL_SENSORS", "MOTIONS", "NOTHING", "OUTSIDE_EFFECTS", "SERVO_SENSORS", "Excitation", "Friction", "Hidden",
+    "Motion", "Outside", "RandomBench", "RandomServo", "Sensors", "ServoPlant", "Sheet", "TruthBench", "TruthServo",
+    "in_proportion", "preset", "random_bench", "random_servo", "reciprocation", "record_bench", "record_command",
+    "record_servo", "run_open_loop", "sine", "steady_friction", "strokes", "write_csv",
 ]  # fmt: skip

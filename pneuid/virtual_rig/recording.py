@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pneuid.virtual_rig import layout as at
 from pneuid.virtual_rig.excitation import EXCITATIONS, Excitation, dither
 from pneuid.virtual_rig.hidden import NOTHING, Hidden
-from pneuid.virtual_rig.kernel import run_closed_loop
+from pneuid.virtual_rig.kernel import run_closed_loop, run_commands
 from pneuid.virtual_rig.packing import pack
 from pneuid.virtual_rig.sensors import SERVO_SENSORS, Sensors, averaged, delayed, on_grid
 from pneuid.virtual_rig.servo import STEP, channels, check_states, holds_linear, rest_state, substeps_for
@@ -80,6 +80,34 @@ def record_servo(
         record |= {f"true_{name}": values for name, values in channels(states[settling:]).items()}
         record["reference"] = r
     return record
+
+
+def record_command(
+    truth: TruthServo,
+    hidden: Hidden,
+    u: Array,
+    supply: Array,
+    x0: float,
+    seed: int = 0,
+    *,
+    rate: float = 1000.0,
+    sensors: Sensors = SERVO_SENSORS,
+    step: float = STEP,
+) -> dict[str, Array]:
+    """One recorded run under a command that is played open loop: t [s], u [V], x [m], p1, p2, psup (absolute Pa).
+
+    u [V] and supply [absolute Pa] : one value per sample at ``rate`` [Hz], the command linear in between; x0 : m, where the
+    piston rests at first. Raises as ``record_servo`` does.
+    """
+    par = pack(truth, hidden)
+    commands = np.ascontiguousarray(on_grid(u, sensors.u_grid), dtype=np.float64)
+    pressure = np.ascontiguousarray(supply, dtype=np.float64)
+    start = rest_state(par, x0, float(pressure[0]))
+    states = run_commands(start, commands, pressure, True, 1.0 / rate, substeps_for(1.0 / rate, step), par)
+    check_states(states, commands.size, 1.0 / rate)
+    noise = np.random.default_rng(seed).standard_normal((3, commands.size))
+    seen = _measured(states, noise, truth, hidden, sensors, rate)
+    return {"t": np.arange(commands.size) / rate, "u": commands} | seen | {"psup": pressure}
 
 
 def _excitation(wanted: str | Excitation) -> Excitation:
