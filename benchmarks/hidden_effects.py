@@ -178,18 +178,21 @@ def servo_runs(case: Case) -> tuple[list[Recording], list[Recording], Rig]:
     return runs[:TRAINING], runs[TRAINING:], rig
 
 
+def bench_rig(case: Case) -> RandomBench:
+    """The rig of a bench case."""
+    if case.rig == "random bench":
+        return random_bench(case.seed)
+    ratio = BORES[case.rig] / 0.032
+    friction = TruthServo().scaled(BORES[case.rig]).friction
+    friction = LAWS.get(case.names[0], friction) if case.names else friction
+    truth = TruthBench(bore=BORES[case.rig], rod_2=0.012 * ratio, mass=0.6 * ratio**2, friction=friction)
+    return RandomBench(truth, replace(BENCH_SENSORS, F_noise=0.2 * ratio), Sheet())
+
+
 def bench_runs(case: Case) -> tuple[list[Recording], list[Recording], Rig]:
     """Training runs, held-out runs and the rig file of a bench case."""
-    rng = np.random.default_rng((case.seed, 3))
+    rng, drawn = np.random.default_rng((case.seed, 3)), bench_rig(case)
     speeds = [np.exp(rng.uniform(np.log(5e-4), np.log(0.15), 4)).tolist() for _ in range(2)]
-    if case.rig == "random bench":
-        drawn = random_bench(case.seed)
-    else:
-        ratio = BORES[case.rig] / 0.032
-        friction = TruthServo().scaled(BORES[case.rig]).friction
-        friction = LAWS.get(case.names[0], friction) if case.names else friction
-        truth = TruthBench(bore=BORES[case.rig], rod_2=0.012 * ratio, mass=0.6 * ratio**2, friction=friction)
-        drawn = RandomBench(truth, replace(BENCH_SENSORS, F_noise=0.2 * ratio), Sheet())
     rig = Rig.from_dict(tomllib.loads(drawn.rig_toml("coulomb" if case.names and case.names[0] in LAWS else "lugre")))
     hidden = hidden_of(case, drawn.truth.bore)
     plan = (
@@ -214,14 +217,23 @@ def on_bench(case: Case) -> bool:
     return case.category == "bench" or case.rig.endswith("bench")
 
 
+def runs_of(case: Case) -> tuple[list[Recording], list[Recording], Rig]:
+    """Training runs, held-out runs and the rig file of a case."""
+    return bench_runs(standing(case)) if on_bench(case) else servo_runs(case)
+
+
+def standing(case: Case) -> Case:
+    """The case with the size of its bench, where it names none."""
+    return replace(case, rig="default") if case.rig == "bench" else case
+
+
 def solve(case: Case) -> dict[str, Any]:
     """One case from recording to verdict, as a line of the result file."""
     warnings.simplefilter("ignore")
     row: dict[str, Any] = {"key": case.key, **asdict(case), "names": list(case.names)}
     began = time.monotonic()
     try:
-        stand = replace(case, rig="default") if case.rig == "bench" else case
-        train, held, rig = (bench_runs if on_bench(case) else servo_runs)(stand)
+        train, held, rig = runs_of(case)
         base = fit(api.plant_of(rig), train)
         found = explained(diagnose(base, held, KNOWN), held)
     except (UserError, ComputationError, RuntimeError, ValueError) as error:

@@ -226,7 +226,7 @@ def diagnose(
     found = explained(decision.diagnose(base, held, candidates, refitter, say), held, say)
     if found.diagnosis.verdict == "ambiguous":
         say("looking for the recording that tells the candidates apart")
-    experiment = for_verdict(found, base, candidates, monitor)
+    experiment = for_verdict(found, base, candidates, refitter)
     if experiment is None:
         return found
     proposed = {"why": experiment.why, "file": None, "power": experiment.power}

@@ -8,7 +8,14 @@ from helpers import base_fit, rig
 
 from pneuid.criticism.diagnosis import Command
 from pneuid.criticism.excitations import BENCH_LIBRARY, SERVO_LIBRARY, Axis
-from pneuid.criticism.experiment import MARGIN, _playable, _Rival, propose
+from pneuid.criticism.experiment import _groups, propose
+from pneuid.criticism.playing import MARGIN, play
+from pneuid.criticism.rival import Rival
+from pneuid.effects import CATALOGUE, effects_by_name
+from pneuid.estimation.fit import fit
+from pneuid.plant import Plant
+from pneuid.recording import Recording
+from pneuid.virtual_rig import Hidden, TruthBench, record_bench, strokes
 
 AXIS = Axis(0.06, 0.44, 0.6)
 T = np.arange(6000) * 1e-3
@@ -25,25 +32,70 @@ def test_every_excitation_moves_within_the_axis(excitation):
 
 
 def test_the_command_file_has_units_and_the_rigs_convention():
-    command = Command(T[:3], np.array([0.0, 1.0, -1.0]), np.full(3, 7.01325e5), np.array([0.1, 0.2, 0.3]))
+    inputs = {"u": np.array([0.0, 1.0, -1.0]), "psup": np.full(3, 7.01325e5)}
+    command = Command(T[:3], np.array([0.1, 0.2, 0.3]), inputs)
     lines = command.csv(101325.0, gauge=True).splitlines()
     assert lines[0] == "t [s],u [V],psup [kPa],x_expected [mm]" and len(lines) == 4
     assert lines[2] == "0.001,1.00000,600.00,200.000"
     assert command.csv(101325.0, gauge=False).splitlines()[1].split(",")[2] == "701.33"
 
 
+def test_a_bench_s_command_file_has_its_motion_and_pressures():
+    command = Command(T[:2], np.array([0.1, 0.2]), {"p1": np.full(2, 4.01325e5), "p2": np.full(2, 1.01325e5)})
+    lines = command.csv(101325.0, gauge=True).splitlines()
+    assert lines[0] == "t [s],p1 [kPa],p2 [kPa],x [mm]"
+    assert lines[1] == "0,300.00,0.00,100.00000"
+
+
 def test_a_model_follows_a_small_excitation_inside_the_limits():
-    rival = _Rival(base_fit())
+    rival = Rival(base_fit())
     gentle = next(item for item in SERVO_LIBRARY if item.name == "small steps")
-    played = _playable([rival], gentle, 1.0)
-    assert played is not None
-    command, states = played
+    scene = play([rival], gentle, 1.0)
+    assert scene is not None
+    (own,), command = scene.played, scene.command
     room = MARGIN * rig().stroke
-    assert states[0][0].min() > room and states[0][0].max() < rig().stroke - room
-    assert np.abs(command.u).max() <= 10.0 and command.supply == pytest.approx(6e5 + 101325.0)
+    assert own.states[0].min() > room and own.states[0].max() < rig().stroke - room
+    assert np.abs(command.inputs["u"]).max() <= 10.0 and command.inputs["psup"] == pytest.approx(6e5 + 101325.0)
     # a model follows its own recording
-    assert rival.unable(command, states[0], states[0]) < 1.0
+    assert rival.unable(command.t, scene.inputs, own, own) < 1.0
 
 
 def test_one_model_alone_needs_no_experiment():
-    assert propose([base_fit()], ["gravity"]) is None
+    assert propose([base_fit()], [CATALOGUE["gravity"]]) is None
+
+
+def test_what_acts_alike_stays_together_and_the_rest_is_told_apart():
+    assert _groups(4, [(0, 2)]) == [[0, 2], [1], [3]]
+    assert _groups(3, [(0, 1), (1, 2)]) == [[0, 1, 2]]
+    assert _groups(2, []) == [[0], [1]]
+
+
+def _bench_fits(names):
+    own = rig("bench")
+    truth, seen = TruthBench(), []
+    for i, (speeds, p1, p2) in enumerate((((0.002, 0.05), 3e5, 2e5), ((0.01, 0.1), 1e5, 4e5))):
+        motion = strokes(speeds, longest=0.5, dwell=0.2)
+        record = record_bench(truth, p1 + truth.patm, p2 + truth.patm, motion, Hidden(gravity=12.0), seed=i)
+        seen.append(Recording.from_arrays(f"run_{i}.csv", own, **record))
+    return [fit(Plant(own, "lugre", effects_by_name([name])), seen, exact=False) for name in names]
+
+
+def test_a_bench_is_offered_a_motion_and_told_what_no_motion_tells():
+    """A load and the force sensor's zero are one force on a bench; friction by direction is not, before it slides."""
+    names = ["gravity", "sensor_offset_F", "friction_direction"]
+    fits = _bench_fits(names)
+    found = propose(fits, [CATALOGUE[name] for name in names])
+    assert found is not None and found.command is not None
+    assert found.rivals == (("gravity", "sensor_offset_F"), ("friction_direction",))
+    assert found.power > 0.99
+    assert "gravity and sensor_offset_F act alike" in found.why and "nothing pulls on it" in found.why
+    known = fits[0].ranges
+    assert found.command.x.min() >= known["x_low"] - 1e-9 and found.command.x.max() <= known["x_high"] + 1e-9
+    assert set(found.command.inputs) == {"p1", "p2"}
+
+
+def test_nothing_is_proposed_among_effects_that_act_alike():
+    names = ["gravity", "sensor_offset_F"]
+    found = propose(_bench_fits(names), [CATALOGUE[name] for name in names])
+    assert found is not None and found.command is None and found.power == 0.0
+    assert "act alike" in found.why

@@ -18,11 +18,13 @@ from pneuid.virtual_rig import (
     IDEAL_SENSORS,
     NOTHING,
     OUTSIDE_EFFECTS,
+    SERVO_SENSORS,
     Friction,
     Hidden,
     ServoPlant,
     TruthServo,
     preset,
+    record_command,
     record_servo,
     run_open_loop,
 )
@@ -260,6 +262,21 @@ def test_recorded_command_reproduces_the_motion_under_either_hold():
         again = run_open_loop(RIG, NOTHING, record["u"], 1e-3, initial=start, input_hold=hold)
         assert np.array_equal(again["x"], record["x"])
         assert np.array_equal(again["p1"], record["p1"])
+
+
+def test_a_command_played_open_loop_is_recorded_like_any_run():
+    """With the sensors of a recording, a supply of its own at every sample, and the motion of the noise-free run."""
+    u = 2.0 * np.sin(2.0 * np.pi * np.arange(1500) * 1e-3)
+    supply = np.linspace(6e5, 4e5, u.size) + ATMOSPHERE
+    hidden = Hidden(sensor_offset_p1=5e3)
+    seen = record_command(RIG, hidden, u, supply, 0.2, seed=3)
+    true = run_open_loop(RIG, hidden, seen["u"], 1e-3, x0=0.2, supply=supply)
+    assert set(seen) == {"t", "u", "x", "p1", "p2", "psup"}
+    np.testing.assert_allclose(seen["x"], true["x"], atol=6.0 * SERVO_SENSORS.x_noise)
+    np.testing.assert_allclose(seen["p1"] - 5e3, true["p1"], atol=6.0 * SERVO_SENSORS.p_noise)
+    assert np.std(seen["x"] - true["x"]) > 0.5 * SERVO_SENSORS.x_noise
+    np.testing.assert_array_equal(seen["psup"], supply)
+    assert np.array_equal(seen["x"], record_command(RIG, hidden, u, supply, 0.2, seed=3)["x"])
 
 
 def test_noise_and_grid_are_as_declared():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -58,19 +59,28 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Command:
-    """What to play on a servo rig: times (s), valve command (V), supply (Pa absolute), position the models expect (m), (N,)."""
+    """What to play: times (s), position (m), other signals (SI), all ``(N,)``.
+
+    On a servo rig ``inputs`` are the valve command ``u`` and the supply ``psup``, and ``x`` is what the models expect; on a
+    bench they are the chambers' pressures ``p1`` and ``p2``, and ``x`` is what the motor imposes. Pressures absolute.
+    """
 
     t: np.ndarray
-    u: np.ndarray
-    supply: np.ndarray
     x: np.ndarray
+    inputs: Mapping[str, np.ndarray]
 
     def csv(self, patm: float, gauge: bool) -> str:
-        """The command file; the supply in the rig's convention, ``patm`` (Pa) is atmospheric pressure."""
-        psup = 1e-3 * (self.supply - (patm if gauge else 0.0))
-        columns = zip(self.t, self.u, psup, 1e3 * self.x, strict=True)
-        rows = (f"{t:.6g},{u:.5f},{p:.2f},{x:.3f}" for t, u, p, x in columns)
-        return "\n".join(["t [s],u [V],psup [kPa],x_expected [mm]", *rows, ""])
+        """The command file; pressures in the rig's convention, ``patm`` (Pa) is atmospheric pressure."""
+        columns = [("t [s]", self.t, "{:.6g}")]
+        for name, values in self.inputs.items():
+            if name == "u":
+                columns.append(("u [V]", values, "{:.5f}"))
+            else:
+                columns.append((f"{name} [kPa]", 1e-3 * (values - (patm if gauge else 0.0)), "{:.2f}"))
+        place, form = ("x_expected [mm]", "{:.3f}") if "u" in self.inputs else ("x [mm]", "{:.5f}")
+        columns.append((place, 1e3 * self.x, form))
+        rows = (",".join(way.format(values[k]) for _, values, way in columns) for k in range(self.t.size))
+        return "\n".join([",".join(head for head, _, _ in columns), *rows, ""])
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ class Gravity(Effect):
     mechanism = "the load's weight has a component along the axis, or something pulls with a constant force"
     equation = "force"
     reference = _SOURCE
-    experiment = "slow strokes in both directions"
+    experiment = "slow strokes in both directions, and again with the axis tilted by a known angle"
     confused_with = ("friction_direction", "sensor_offset_p1", "sensor_offset_p2", "sensor_offset_F")
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:

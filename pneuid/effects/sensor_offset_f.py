@@ -16,7 +16,7 @@ class SensorOffsetF(Effect):
     mechanism = "the zero of the force sensor has drifted, or its amplifier was not balanced"
     equation = "sensor_F"
     reference = _SOURCE
-    experiment = "slow strokes in both directions with both chambers vented"
+    experiment = "the sensor read while nothing pulls on it, then slow strokes in both directions"
     confused_with = ("gravity", "friction_direction")
     rigs = ("bench",)
 

@@ -16,7 +16,7 @@ class SensorOffsetP1(Effect):
     mechanism = "the zero of the pressure sensor of chamber 1 has drifted, or its amplifier was not balanced"
     equation = "sensor_p1"
     reference = _SOURCE
-    experiment = "both chambers vented for a few seconds, then strokes in both directions"
+    experiment = "both chambers vented for a few seconds, where the sensor must show ambient pressure, then strokes"
     confused_with = ("gravity", "friction_direction", "sensor_offset_F", "sensor_offset_p2")
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:

@@ -70,8 +70,8 @@ def record_study(
 
 def record_bench(
     truth: TruthBench,
-    p1: float,
-    p2: float,
+    p1: float | Array,
+    p2: float | Array,
     motion: str | Motion = "strokes",
     hidden: Hidden = NOTHING,
     seed: int = 0,
@@ -82,6 +82,8 @@ def record_bench(
 ) -> dict[str, Array]:
     """One bench run at regulator settings ``p1``, ``p2`` (absolute Pa): t [s], x [m], p1, p2 [Pa], F [N].
 
+    A setting is one number or one per sample.
+
     F is the force of the motor on the rod, positive in +x: ``m a + friction - (p1-patm) A1 +
     (p2-patm) A2 + load``. ``step`` [s] is the bristle's; the bristle starts unstrained.
     ``with_truth`` adds the noise-free ``true_x``, ``true_v``, ``true_a``, ``true_p1``, ``true_p2``, ``true_F`` and
@@ -91,8 +93,8 @@ def record_bench(
     pressure below vacuum, ``ComputationError`` when the force is not finite.
     """
     path = _motion(motion)
-    if min(p1, p2) < 0.0:
-        raise ValueError(f"p1 and p2 are absolute pressures and not negative, got {p1} and {p2} Pa")
+    if min(np.min(p1), np.min(p2)) < 0.0:
+        raise ValueError(f"p1 and p2 are absolute pressures and not negative, got {np.min(p1)} and {np.min(p2)} Pa")
     if not (np.min(path.x) >= 0.0 and np.max(path.x) <= truth.stroke):
         raise ValueError(f"the motion spans {np.min(path.x)} to {np.max(path.x)} m, the stroke is {truth.stroke} m")
     interval = float(path.t[1] - path.t[0])
