@@ -1,4 +1,4 @@
-"""The rules of a round: what is refitted, what is spared, what is accepted, and who counts as a rival."""
+"""The rules of a round: what is refitted, what is spared, what is accepted."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from trials import FIRST, JUDGE, score, stub
 
-from pneuid.criticism import decision, rounds
-from pneuid.criticism.decision import _better_without, _rivals, _verdict
-from pneuid.criticism.diagnosis import Candidate, Diagnosis
+from pneuid.criticism import rounds
 from pneuid.criticism.jumps import Jump
 from pneuid.criticism.prediction import NoiseFloor
 from pneuid.criticism.refits import Asked
@@ -19,21 +18,6 @@ from pneuid.criticism.trial import Judge, Trial
 from pneuid.effect import Parameter
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.shooting import Scaling
-from pneuid.report.summary import verdict_lines
-
-JUDGE = SimpleNamespace(
-    spread=0.02, small=0.15, explains=lambda trial: trial.error - 1.0 < 0.15, learned=lambda trial: trial.error - 1.0 < 0.15
-)
-
-
-def stub(error: float, cost: float, added: str | None = None, relaxation: float = 0.1) -> Trial:
-    """A trial with the held-out error (squared floors) and cost of the training runs that matter here."""
-    fit = SimpleNamespace(relaxed_cost=cost, loose_cost=cost, problem=SimpleNamespace(relaxation=relaxation))
-    return Trial(fit, error, error, {}, {}, {}, added)  # type: ignore[arg-type]
-
-
-def score(name: str, drop: float, group: tuple[str, ...] = ()) -> Score:
-    return Score(CATALOGUE[name], drop, drop / 3e4, 1, {}, group)
 
 
 @pytest.fixture(autouse=True)
@@ -41,7 +25,6 @@ def _amplitudes_are_inside(monkeypatch):
     monkeypatch.setattr(rounds, "_inside_bounds", lambda *_: True)
 
 
-FIRST = stub(145.0, 43_000.0)
 ALONE = stub(30.8, 27_600.0, "valve_null_leakage")
 """A null leak in another form than the catalogue's: what is left attracts a dead zone."""
 
@@ -237,30 +220,6 @@ def test_break_away_is_read_anew_where_the_training_runs_fit_better_for_it(train
     assert rounds.settled(accepted, judge, refitter, lambda _: None) is (other if taken else accepted)
 
 
-@pytest.mark.parametrize(("read_anew", "named"), [(90.0, "backlash"), (70.0, "load_mass"), (160.0, "backlash")])
-def test_what_reading_break_away_anew_makes_worse_is_the_best_no_longer(read_anew, named, monkeypatch):
-    """load_mass leaves 60 and backlash 80 of 145, load_mass with its break-away read anew 90, 70 or 160."""
-    tried = [(score(name, 900.0), stub(error, 25_000.0, name)) for name, error in (("load_mass", 60.0), ("backlash", 80.0))]
-    ends = {"load_mass": stub(read_anew, 24_900.0, "load_mass"), "backlash": tried[1][1]}
-    monkeypatch.setattr(decision, "refitted", lambda *_: tried)
-    monkeypatch.setattr(decision, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
-    monkeypatch.setattr(decision, "leaves_much", lambda *_: False)
-    monkeypatch.setattr(decision, "settled", lambda trial, *_: ends[trial.added])
-    *_, after, chosen = decision._round(FIRST, FIRST, [], JUDGE, SimpleNamespace(), False, lambda _: None)
-    assert chosen is not None and chosen[0].effect.name == named and chosen[1] is ends[named]
-    assert after[0][1] is ends["load_mass"], "what was tried is told as it ended"
-
-
-def test_an_effect_that_does_not_bear_reading_break_away_anew_is_not_accepted(monkeypatch):
-    tried = [(score("backlash", 900.0), stub(120.0, 42_900.0, "backlash"))]
-    monkeypatch.setattr(decision, "refitted", lambda *_: tried)
-    monkeypatch.setattr(decision, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
-    monkeypatch.setattr(decision, "second_looks", lambda *_: tried)
-    monkeypatch.setattr(decision, "_loudest", lambda _: 1.0)
-    monkeypatch.setattr(decision, "settled", lambda *_: stub(180.0, 42_800.0, "backlash"))
-    assert decision._round(FIRST, FIRST, [], JUDGE, SimpleNamespace(), False, lambda _: None)[-1] is None
-
-
 def test_an_accepted_effect_that_leaves_noise_alone_is_left_alone():
     judge, refitter = SimpleNamespace(small=0.15), SimpleNamespace()
     accepted = stub(1.1, 27_000.0, "gravity")
@@ -274,33 +233,6 @@ def test_an_amplitude_of_a_second_look_is_at_least_typical():
     assert started == {"b_play": pytest.approx(3e-4)}
 
 
-def test_rivals_explain_both_kinds_of_runs_alike_whatever_their_group():
-    best = (score("valve_lag", 800.0), stub(1.0, 26_333.0))
-    near = (score("line_delay", 790.0), stub(1.1, 26_343.0))
-    worse_ahead = (score("channel_skew", 780.0), stub(9.0, 26_340.0))
-    worse_in_training = (score("gravity", 770.0), stub(1.1, 27_500.0))
-    tried = [best, near, worse_ahead, worse_in_training]
-    assert _rivals(best, tried, FIRST, JUDGE) == ("line_delay",)
-
-
-def test_beside_an_effect_that_leaves_noise_alone_a_rival_must_leave_noise_alone():
-    tried = [(score("valve_lag", 800.0), stub(1.02, 26_333.0)), (score("channel_skew", 790.0), stub(1.4, 26_343.0))]
-    assert _rivals(tried[0], tried, FIRST, JUDGE) == ()
-    # where the best one leaves more than noise, a lead of that size is an accident
-    tried = [(score("valve_lag", 800.0), stub(4.0, 26_333.0)), (score("channel_skew", 790.0), stub(4.4, 26_343.0))]
-    assert _rivals(tried[0], tried, FIRST, JUDGE) == ("channel_skew",)
-
-
-def test_a_candidate_that_made_things_worse_stays_where_screening_put_it():
-    known = {"friction_pressure": (0.19, 0.1, 0.99), "load_mass": (0.039, None, None), "friction_position": (0.044, 1.56, -1.4)}
-    ranking = {name: Candidate(name, "friction", gain, ratio, part) for name, (gain, ratio, part) in known.items()}
-    found = _verdict(["friction_pressure"], {}, stub(1.0, 25_000.0), FIRST, JUDGE, ranking)
-    assert [item.effect for item in found.ranking] == ["friction_pressure", "friction_position", "load_mass"]
-    lines = verdict_lines(found)
-    assert any(line.startswith("  friction_position") and line.endswith("held-out error times 1.56") for line in lines)
-    assert any(line.startswith("  load_mass") and line.endswith("screened only") for line in lines)
-
-
 def test_the_floor_is_that_of_the_best_model_and_never_rises(monkeypatch):
     floors = ({"x": 2.0}, {"x": 3.0})
     made = [NoiseFloor(dict(one), {"x": 0.1}) for one in floors]
@@ -311,56 +243,3 @@ def test_the_floor_is_that_of_the_best_model_and_never_rises(monkeypatch):
     assert (better.floor.value, better.usual.value) == ({"x": 2.0}, {"x": 1.0})
     assert judge.again(stub(144.0, 1.0), FIRST) is judge
     assert np.isclose(better.spread, 0.2)
-
-
-@pytest.mark.parametrize(
-    ("error", "cost", "better"),
-    [
-        (20.0, 26_500.0, True),  # the effect had led out of a local optimum
-        (145.0, 43_000.0, False),  # back where it came from: the fall is the effect's
-        (150.0, 26_500.0, False),
-        (20.0, 42_990.0, False),
-    ],
-)
-def test_the_model_without_an_accepted_effect_may_be_better_than_it_was(error, cost, better):
-    with_effect = stub(18.0, 26_400.0, "load_mass")
-    with_effect.fit.plant = SimpleNamespace(effects=[CATALOGUE["load_mass"]])
-    smaller = stub(error, cost)
-    judge = SimpleNamespace(trial=lambda fit, _added: fit)
-    refitter = SimpleNamespace(without=lambda _fit, name: {"load_mass": smaller}[name])
-    found = _better_without((score("load_mass", 100.0), with_effect), FIRST, judge, refitter)
-    assert (found is smaller) if better else (found is None)
-
-
-def test_a_richer_friction_law_cannot_be_taken_out():
-    richer = stub(18.0, 26_400.0, "law:lugre")
-    richer.fit.plant = SimpleNamespace(effects=[])
-    assert _better_without((score("load_mass", 100.0), richer), FIRST, SimpleNamespace(), SimpleNamespace()) is None
-
-
-@pytest.mark.parametrize(("error", "named"), [(19.0, []), (2.0, ["load_mass"])])
-def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(error, named, monkeypatch):
-    """The effect leaves 19 or 2 where the base of 145 leaves 20 from where the effect led."""
-    lead, smaller, chosen = score("load_mass", 900.0), stub(20.0, 26_500.0), stub(error, 25_000.0, "load_mass")
-    judge = SimpleNamespace(**vars(JUDGE), trial=lambda _: FIRST)
-    base, turns = SimpleNamespace(plant=None, noise=None), []
-
-    def one_round(current, first, *_):
-        turns.append(current)
-        tried = [(lead, chosen)] if len(turns) == 1 else []
-        return judge, current, first, tried, (tried[0] if tried else None)
-
-    replaced = {
-        "judge_of": lambda *_: judge, "prepare": lambda *_: None, "screen": lambda *_: [lead], "_round": one_round,
-        "_better_without": lambda *_: smaller, "_rung": lambda trial, _judge, accepted: (trial, accepted),
-        "_backward": lambda names, current, *_: (names, current),
-        "_verdict": lambda names, *_: Diagnosis("effect", tuple(names), ()),
-    }  # fmt: skip
-    for name, stand_in in replaced.items():
-        monkeypatch.setattr(decision, name, stand_in)
-    found = decision.diagnose(base, [], CATALOGUE, refitter=SimpleNamespace())
-    assert turns[1] is (chosen if named else smaller)
-    assert found.base is smaller.fit
-    assert found.diagnosis.effects == tuple(named)
-    assert found.rungs == [(smaller, True), (chosen, bool(named))]
-    assert "fits better from another start (12.04 -> 4.47 floors)" in found.diagnosis.sentences[-1]

@@ -1,0 +1,232 @@
+"""From model to model: each round screens, refits and accepts, until nothing more is gained."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.stats import chi2
+
+from pneuid.criticism.defects import equation_defects
+from pneuid.criticism.diagnosis import Candidate
+from pneuid.criticism.ladder import Rung
+from pneuid.criticism.refitter import Refitter
+from pneuid.criticism.rounds import (
+    LEAST_DROP,
+    Say,
+    Tried,
+    accepted,
+    costs,
+    leaves_much,
+    refitted,
+    same_floor,
+    second_looks,
+    settled,
+)
+from pneuid.criticism.screening import Score, screen
+from pneuid.criticism.together import Joined, joined
+from pneuid.criticism.trial import Judge, Trial
+from pneuid.effect import Effect
+
+TELLING = 0.03
+"""Share of the held-out excess, or of the gain on the training runs, by which the better of two effects must lead
+to be told from the other: the error 200 ms ahead has heavy tails, at break-away, that make smaller leads accidental."""
+
+SURE = 5.0
+"""Half the sum of squares by which it must lead on the training runs at least: 3 standard deviations."""
+
+DEFECT_RATIO = 1.5
+"""Defect of a balance over what noise alone leaves, below which nothing unknown can be named in any equation."""
+
+BETTER_START = (
+    "the model that stood before fits better from another start ({:.2f} -> {:.2f} floors); all is measured against that"
+)
+
+
+@dataclass
+class Walk:
+    """Where the diagnosis stands.
+
+    current, first : trials of the standing model and of the base; named : effects accepted so far; ambiguous : by the name
+    of an accepted effect, those that explain as much; moved : what was said of better starts.
+    """
+
+    judge: Judge
+    current: Trial
+    first: Trial
+    catalogue: dict[str, Effect]
+    refitter: Refitter
+    say: Say
+    rungs: list[Rung] = field(default_factory=list)
+    ranking: dict[str, Candidate] = field(default_factory=dict)
+    named: list[str] = field(default_factory=list)
+    ambiguous: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    moved: list[str] = field(default_factory=list)
+
+    def step(self) -> bool:
+        """One round; False where there is nothing more to gain."""
+        adequate = self.judge.explains(self.current)
+        if self.named and adequate:
+            return False
+        candidates = list(self.catalogue.values())
+        scores = list(screen(self.current.fit, candidates, list(self.catalogue)))
+        for score in scores:
+            self.ranking.setdefault(score.effect.name, _screened(score))
+        self.say(_leading(scores))
+        if adequate and (self.current.error - 1.0 < self.judge.small or self.judge.learned(self.current)):
+            return False  # the ranking is for the report
+        tried, chosen = self._round(scores, adequate)
+        if self.current.added is None and leaves_much(chosen, self.current):
+            both = joined(
+                self.current, self.first, tried, chosen, self.judge, self.refitter, candidates, adequate, self.say
+            )
+            if both is not None:
+                self._take_both(both, tried)
+                return True
+        return self._take(chosen, tried)
+
+    def backward(self) -> None:
+        """Try to drop each accepted effect but the last; keep the smaller model where the held-out error hardly rises."""
+        for name in list(self.named[:-1]):
+            if name not in {effect.name for effect in self.current.fit.plant.effects}:
+                continue  # a richer friction law took the simple one's place; without it the model is another
+            smaller = self.judge.trial(self.refitter.without(self.current.fit, name))
+            rise = smaller.error - self.current.error
+            if rise < max(3 * self.judge.spread, 0.02 * (self.first.error - 1.0)):
+                self.say(f"{name} dropped again: without it the held-out error stays")
+                self.named = [other for other in self.named if other != name]
+                self.current = smaller
+
+    def _round(self, scores: Sequence[Score], adequate: bool) -> tuple[Tried, tuple[Score, Trial] | None]:
+        """Trials of one round and the one to accept, if any, all by the floor of the best model so far."""
+        tried = self._by_one_floor(refitted(self.current, self.first, scores, self.judge, self.refitter, self.say))
+        chosen = accepted(tried, self.current, self.first, self.judge, adequate)
+        if self.current.added is None and leaves_much(chosen, self.current) and loudest(self.current) > DEFECT_RATIO:
+            looked = second_looks(self.current, scores, tried, self.judge, self.refitter, self.say)
+            tried = self._by_one_floor(looked)
+            chosen = accepted(tried, self.current, self.first, self.judge, adequate)
+        known: set[str] = set()
+        while chosen is not None and chosen[0].effect.name not in known:
+            # what fits the training runs better may predict worse; then another is the best, or none
+            known.add(chosen[0].effect.name)
+            better = settled(chosen[1], self.judge, self.refitter, self.say)
+            tried = [(score, better if score is chosen[0] else trial) for score, trial in tried]
+            chosen = accepted(tried, self.current, self.first, self.judge, adequate)
+        return tried, chosen
+
+    def _by_one_floor(self, tried: Tried) -> Tried:
+        self.judge, self.current, self.first, tried = same_floor(self.judge, self.current, self.first, tried)
+        return tried
+
+    def _take(self, chosen: tuple[Score, Trial] | None, tried: Tried) -> bool:
+        """Accept an effect, or a better start of the standing model; False where there is neither."""
+        smaller = None if chosen is None else _better_without(chosen, self.current, self.judge, self.refitter)
+        if smaller is not None:
+            self.moved.append(BETTER_START.format(np.sqrt(self.current.whole), np.sqrt(smaller.whole)))
+            self.say(self.moved[-1])
+            self.first, self.current = (self.first if self.named else smaller), smaller
+        for score, trial in tried:
+            _record(self.ranking, score, trial, self.current, self.first, keep=bool(self.named))
+        self.rungs += [
+            self.rung(trial, False) for _, trial in tried if chosen is None or trial.added != chosen[1].added
+        ]
+        if chosen is None:
+            return False
+        if smaller is not None:
+            own = self.rung(smaller, True)
+            self.rungs = [*self.rungs, own] if self.named else [own, *self.rungs[1:]]
+            if accepted([chosen], self.current, self.first, self.judge, self.judge.explains(self.current)) is None:
+                self.rungs.append(self.rung(chosen[1], False))
+                return True
+        self._accept([chosen[0].effect.name], chosen, tried)
+        return True
+
+    def _take_both(self, both: Joined, tried: Tried) -> None:
+        """Accept two effects at once."""
+        self.judge, self.current, self.first = both.judge, both.current, both.original
+        for score, trial in (*tried, both.firsts[0], (both.second, both.trial)):
+            _record(self.ranking, score, trial, self.current, self.first, keep=False)
+        self.rungs += [self.rung(trial, False) for _, trial in tried]
+        self._accept(both.names, both.firsts[0], both.firsts)
+
+    def _accept(self, names: list[str], chosen: tuple[Score, Trial], tried: Tried) -> None:
+        trial = chosen[1]
+        self.rungs.append(self.rung(trial, True))
+        self.named += names
+        self.ambiguous[names[0]] = _rivals(chosen, tried, self.current, self.judge)
+        errors = f"{np.sqrt(self.current.error):.1f} -> {np.sqrt(trial.error):.1f}"
+        self.say(f"{' and '.join(names)} accepted: held-out error {errors} floors without the worst tenth")
+        self.current = trial
+
+    def rung(self, trial: Trial, accepted: bool) -> Rung:
+        """The trial as a rung of the ladder."""
+        names, floor = tuple(effect.name for effect in trial.fit.plant.effects), dict(self.judge.floor.value)
+        return Rung(names, trial.added, accepted, trial.train, trial.hold_out, floor, len(trial.fit.plant.parameters))
+
+
+def loudest(trial: Trial) -> float:
+    """Largest defect of a balance over what noise alone leaves; on a bench, which has no such defects, that of the force."""
+    ratios = [item.rms / max(item.expected_rms, 1e-12) for item in equation_defects(trial.fit)]
+    return max(ratios, default=float(np.sqrt(trial.error)))
+
+
+def explained_share(before: Trial, after: Trial, first: Trial) -> float:
+    """Share of the base model's excess that the step from ``before`` to ``after`` removes."""
+    excess = first.whole - 1.0
+    return float((before.whole - after.whole) / excess) if excess > 0 and np.isfinite(after.whole) else 0.0
+
+
+def _better_without(chosen: tuple[Score, Trial], current: Trial, judge: Judge, refitter: Refitter) -> Trial | None:
+    """The standing model, fitted again from where the chosen effect led, where it is better there; else None.
+
+    Any effect that leads out of a local optimum would get the credit for what a better start explains.
+    """
+    name, trial = chosen[0].effect.name, chosen[1]
+    if name not in {effect.name for effect in trial.fit.plant.effects}:
+        return None  # a richer friction law took the simple one's place; without it the model is another
+    smaller = judge.trial(refitter.without(trial.fit, name), current.added)
+    now, less = costs(current, smaller)
+    return smaller if less < now - LEAST_DROP and smaller.error < current.error else None
+
+
+def _leading(scores: Sequence[Score]) -> str:
+    shown = ", ".join(f"{score.effect.name} {100 * score.gain:.1f} %" for score in scores[:3])
+    return f"screening predicts these drops of the cost: {shown}" if scores else "no candidate left to screen"
+
+
+def _screened(score: Score) -> Candidate:
+    return Candidate(score.effect.name, score.effect.equation, score.gain, indistinguishable_from=score.group)
+
+
+def _record(
+    ranking: dict[str, Candidate], score: Score, trial: Trial, current: Trial, first: Trial, keep: bool
+) -> None:
+    """Put a refit's evidence into the ranking; that of the first round stands."""
+    name = score.effect.name
+    if keep and ranking[name].hold_out_error_ratio is not None:
+        return
+    drop = current.fit.loose_cost - trial.fit.loose_cost
+    ranking[name] = Candidate(
+        effect=name, equation=score.effect.equation, screen_gain=score.gain,
+        hold_out_error_ratio=float(np.sqrt(trial.whole / current.whole)) if np.isfinite(trial.whole) else None,
+        excess_explained=explained_share(current, trial, first),
+        p_value=float(chi2.sf(max(2 * drop, 0.0), max(score.freedom, 1))), indistinguishable_from=score.group,
+    )  # fmt: skip
+
+
+def _rivals(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge) -> tuple[str, ...]:
+    """Other effects that explain the held-out runs and the training runs about as well as the chosen one.
+
+    Where that one leaves noise alone, so must they.
+    """
+    excess = max(current.error - 1.0, 1e-12)
+    clean = chosen[1].error - 1.0 < judge.small
+
+    def alike(trial: Trial) -> bool:
+        before, best, other = costs(current, chosen[1], trial)
+        ahead = (trial.error - chosen[1].error) / excess < TELLING
+        ahead = ahead and (trial.error - 1.0 < judge.small or not clean)
+        return ahead and other - best < max(TELLING * (before - best), SURE)
+
+    return tuple(score.effect.name for score, trial in tried if score is not chosen[0] and alike(trial))

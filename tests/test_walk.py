@@ -1,0 +1,221 @@
+"""From model to model: what a round accepts, what stands beside it, better starts, and two effects at once."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from trials import FIRST, JUDGE, score, stub
+
+from pneuid.criticism import decision, rounds, together, walk
+from pneuid.criticism.decision import _verdict
+from pneuid.criticism.diagnosis import Candidate, Diagnosis
+from pneuid.criticism.walk import Walk, _better_without, _rivals
+from pneuid.effects import CATALOGUE
+from pneuid.report.summary import verdict_lines
+
+
+@pytest.fixture(autouse=True)
+def _amplitudes_are_inside(monkeypatch):
+    monkeypatch.setattr(rounds, "_inside_bounds", lambda *_: True)
+
+
+def walking(judge=JUDGE, refitter=None, current=FIRST) -> Walk:
+    return Walk(judge, current, FIRST, CATALOGUE, refitter or SimpleNamespace(), lambda _: None)
+
+
+@pytest.mark.parametrize(("read_anew", "named"), [(90.0, "backlash"), (70.0, "load_mass"), (160.0, "backlash")])
+def test_what_reading_break_away_anew_makes_worse_is_the_best_no_longer(read_anew, named, monkeypatch):
+    """load_mass leaves 60 and backlash 80 of 145, load_mass with its break-away read anew 90, 70 or 160."""
+    tried = [(score(name, 900.0), stub(error, 25_000.0, name)) for name, error in (("load_mass", 60.0), ("backlash", 80.0))]
+    ends = {"load_mass": stub(read_anew, 24_900.0, "load_mass"), "backlash": tried[1][1]}
+    monkeypatch.setattr(walk, "refitted", lambda *_: tried)
+    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
+    monkeypatch.setattr(walk, "settled", lambda trial, *_: ends[trial.added])
+    after, chosen = walking()._round([], False)
+    assert chosen is not None and chosen[0].effect.name == named and chosen[1] is ends[named]
+    assert after[0][1] is ends["load_mass"], "what was tried is told as it ended"
+
+
+def test_an_effect_that_does_not_bear_reading_break_away_anew_is_not_accepted(monkeypatch):
+    tried = [(score("backlash", 900.0), stub(120.0, 42_900.0, "backlash"))]
+    monkeypatch.setattr(walk, "refitted", lambda *_: tried)
+    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(walk, "second_looks", lambda *_: tried)
+    monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
+    monkeypatch.setattr(walk, "settled", lambda *_: stub(180.0, 42_800.0, "backlash"))
+    assert walking()._round([], False)[1] is None
+
+
+def test_rivals_explain_both_kinds_of_runs_alike_whatever_their_group():
+    best = (score("valve_lag", 800.0), stub(1.0, 26_333.0))
+    near = (score("line_delay", 790.0), stub(1.1, 26_343.0))
+    worse_ahead = (score("channel_skew", 780.0), stub(9.0, 26_340.0))
+    worse_in_training = (score("gravity", 770.0), stub(1.1, 27_500.0))
+    tried = [best, near, worse_ahead, worse_in_training]
+    assert _rivals(best, tried, FIRST, JUDGE) == ("line_delay",)
+
+
+def test_beside_an_effect_that_leaves_noise_alone_a_rival_must_leave_noise_alone():
+    tried = [(score("valve_lag", 800.0), stub(1.02, 26_333.0)), (score("channel_skew", 790.0), stub(1.4, 26_343.0))]
+    assert _rivals(tried[0], tried, FIRST, JUDGE) == ()
+    # where the best one leaves more than noise, a lead of that size is an accident
+    tried = [(score("valve_lag", 800.0), stub(4.0, 26_333.0)), (score("channel_skew", 790.0), stub(4.4, 26_343.0))]
+    assert _rivals(tried[0], tried, FIRST, JUDGE) == ("channel_skew",)
+
+
+def test_a_candidate_that_made_things_worse_stays_where_screening_put_it():
+    known = {"friction_pressure": (0.19, 0.1, 0.99), "load_mass": (0.039, None, None), "friction_position": (0.044, 1.56, -1.4)}
+    ranking = {name: Candidate(name, "friction", gain, ratio, part) for name, (gain, ratio, part) in known.items()}
+    at_end = walking(current=stub(1.0, 25_000.0))
+    at_end.named, at_end.ranking = ["friction_pressure"], ranking
+    found = _verdict(at_end)
+    assert [item.effect for item in found.ranking] == ["friction_pressure", "friction_position", "load_mass"]
+    lines = verdict_lines(found)
+    assert any(line.startswith("  friction_position") and line.endswith("held-out error times 1.56") for line in lines)
+    assert any(line.startswith("  load_mass") and line.endswith("screened only") for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("error", "cost", "better"),
+    [
+        (20.0, 26_500.0, True),  # the effect had led out of a local optimum
+        (145.0, 43_000.0, False),  # back where it came from: the fall is the effect's
+        (150.0, 26_500.0, False),
+        (20.0, 42_990.0, False),
+    ],
+)
+def test_the_model_without_an_accepted_effect_may_be_better_than_it_was(error, cost, better):
+    with_effect = stub(18.0, 26_400.0, "load_mass")
+    with_effect.fit.plant = SimpleNamespace(effects=[CATALOGUE["load_mass"]])
+    smaller = stub(error, cost)
+    judge = SimpleNamespace(trial=lambda fit, _added: fit)
+    refitter = SimpleNamespace(without=lambda _fit, name: {"load_mass": smaller}[name])
+    found = _better_without((score("load_mass", 100.0), with_effect), FIRST, judge, refitter)
+    assert (found is smaller) if better else (found is None)
+
+
+def test_a_richer_friction_law_cannot_be_taken_out():
+    richer = stub(18.0, 26_400.0, "law:lugre")
+    richer.fit.plant = SimpleNamespace(effects=[])
+    assert _better_without((score("load_mass", 100.0), richer), FIRST, SimpleNamespace(), SimpleNamespace()) is None
+
+
+@pytest.mark.parametrize(("error", "named"), [(19.0, []), (2.0, ["load_mass"])])
+def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(error, named, monkeypatch):
+    """The effect leaves 19 or 2 where the base of 145 leaves 20 from where the effect led."""
+    lead, smaller, chosen = score("load_mass", 900.0), stub(20.0, 26_500.0), stub(error, 25_000.0, "load_mass")
+    judge = SimpleNamespace(**vars(JUDGE), trial=lambda _: FIRST)
+    base, turns = SimpleNamespace(plant=None, noise=None), []
+
+    def one_round(self, *_):
+        turns.append(self.current)
+        tried = [(lead, chosen)] if len(turns) == 1 else []
+        return tried, (tried[0] if tried else None)
+
+    replaced = {
+        "_round": one_round, "rung": lambda _self, trial, accepted: (trial, accepted), "backward": lambda _self: None,
+    }
+    for name, stand_in in replaced.items():
+        monkeypatch.setattr(Walk, name, stand_in)
+    monkeypatch.setattr(walk, "screen", lambda *_: [lead])
+    monkeypatch.setattr(walk, "_better_without", lambda *_: smaller)
+    monkeypatch.setattr(walk, "joined", lambda *_: None)
+    monkeypatch.setattr(decision, "judge_of", lambda *_: judge)
+    monkeypatch.setattr(decision, "_verdict", lambda ended: Diagnosis("effect", tuple(ended.named), ()))
+    found = decision.diagnose(base, [], CATALOGUE, refitter=SimpleNamespace())
+    assert turns[1] is (chosen if named else smaller)
+    assert found.base is smaller.fit
+    assert found.diagnosis.effects == tuple(named)
+    assert found.rungs == [(smaller, True), (chosen, bool(named))]
+    assert "fits better from another start (12.04 -> 4.47 floors)" in found.diagnosis.sentences[-1]
+
+
+# --- two effects at once ---
+
+
+class Making:
+    """Makes the trials it was given, by the names of the effects in them."""
+
+    def __init__(self, **ends) -> None:
+        self.ends, self.order, self.asked = ends, list(CATALOGUE), []
+
+    def each(self, base, asked):
+        for one in asked:
+            names = f"{base.name}, {one.effect.name}"
+            self.asked.append(names)
+            yield one, lambda names=names: self.ends[names.replace(", ", "_and_")]
+
+
+def named_stub(error: float, cost: float, name: str):
+    found = stub(error, cost, name)
+    found.fit.name = name
+    found.fit.problem.values, found.fit.relaxed_values = {}, {}
+    return found
+
+
+ALONE = [
+    (score("sensor_offset_p1", 9e4), named_stub(8000.0, 11_000.0, "sensor_offset_p1")),
+    (score("gravity", 8e3), named_stub(9000.0, 12_000.0, "gravity")),
+    (score("friction_pressure", 2e4), named_stub(5800.0, 40_000.0, "friction_pressure")),
+]
+"""Two that fit the training runs four times as well and predict worse, and one that does a little of both."""
+
+
+def _joined(monkeypatch, ends, tried=ALONE, alone=None):
+    base = stub(7000.0, 43_000.0)
+    seconds = [score("leakage_internal", 9e3), score("valve_offset", 8e3)]
+    monkeypatch.setattr(together, "screen", lambda *_: seconds)
+    monkeypatch.setattr(together, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(together, "settled", lambda trial, *_: trial)
+    judge = SimpleNamespace(
+        **vars(JUDGE), judged=lambda trial: trial,
+        trial=lambda made, added: named_stub(*made, added),
+    )
+    refitter = Making(**ends)
+    found = together.joined(base, base, tried, alone, judge, refitter, [], False, lambda _: None)
+    return found, refitter.asked
+
+
+PAIRS = {
+    "sensor_offset_p1_and_leakage_internal": (450.0, 7_000.0), "sensor_offset_p1_and_valve_offset": (840.0, 7_500.0),
+    "gravity_and_leakage_internal": (220.0, 7_100.0),
+}  # fmt: skip
+
+
+def test_what_only_two_effects_explain_is_found_and_every_first_one_is_tried_with_the_second(monkeypatch):
+    found, asked = _joined(monkeypatch, PAIRS, alone=ALONE[2])
+    assert found is not None and found.names == ["gravity", "leakage_internal"]
+    assert found.trial.error == 220.0
+    # friction_pressure fits no better by half, so it is no foothold
+    assert asked == [
+        "sensor_offset_p1, leakage_internal", "sensor_offset_p1, valve_offset", "gravity, leakage_internal",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("tried", "alone", "ends"),
+    [
+        (ALONE[2:], ALONE[2], PAIRS),  # nothing fits far better
+        (ALONE, (ALONE[2][0], stub(300.0, 20_000.0)), PAIRS),  # one effect predicts nearly as well
+        (ALONE, None, dict.fromkeys(PAIRS, (3600.0, 7000.0))),  # two predict little better than none
+    ],
+)
+def test_two_effects_are_not_taken_for_what_one_or_none_explains(tried, alone, ends, monkeypatch):
+    found, _ = _joined(monkeypatch, ends, tried, alone)
+    assert found is None
+
+
+def test_both_effects_are_named_ranked_and_one_rung(monkeypatch):
+    found, _ = _joined(monkeypatch, PAIRS)
+    at = walking()
+    at.ranking = {name: walk._screened(score(name, 1e3)) for name in CATALOGUE}
+    monkeypatch.setattr(Walk, "rung", lambda _self, trial, accepted: (trial.added, accepted))
+    monkeypatch.setattr(walk, "_record", lambda ranking, one, *_, **__: ranking.update({one.effect.name: "refitted"}))
+    at._take_both(found, ALONE)
+    assert at.named == ["gravity", "leakage_internal"] and at.current is found.trial
+    assert at.rungs[-1] == ("gravity, leakage_internal", True) and not any(taken for _, taken in at.rungs[:-1])
+    assert {name for name, item in at.ranking.items() if item == "refitted"} == {
+        "gravity", "leakage_internal", "sensor_offset_p1", "friction_pressure",
+    }  # fmt: skip

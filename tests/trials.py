@@ -1,0 +1,26 @@
+"""Trials made up of the few numbers that the rules of a diagnosis look at."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from pneuid.criticism.screening import Score
+from pneuid.criticism.trial import Trial
+from pneuid.effects import CATALOGUE
+
+JUDGE = SimpleNamespace(
+    spread=0.02, small=0.15, explains=lambda trial: trial.error - 1.0 < 0.15, learned=lambda trial: trial.error - 1.0 < 0.15
+)
+
+
+def stub(error: float, cost: float, added: str | None = None, relaxation: float = 0.1) -> Trial:
+    """A trial with the held-out error (squared floors) and cost of the training runs that matter here."""
+    fit = SimpleNamespace(relaxed_cost=cost, loose_cost=cost, problem=SimpleNamespace(relaxation=relaxation))
+    return Trial(fit, error, error, {}, {}, {}, added)  # type: ignore[arg-type]
+
+
+def score(name: str, drop: float, group: tuple[str, ...] = ()) -> Score:
+    return Score(CATALOGUE[name], drop, drop / 3e4, 1, {}, group)
+
+
+FIRST = stub(145.0, 43_000.0)
