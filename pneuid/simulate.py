@@ -57,26 +57,28 @@ def estimate_start(
     """Start states ``(W, ns)`` of W windows that fit the windows' measurements best, and their costs ``(W,)``.
 
     Parameters frozen; Levenberg-Marquardt on all windows side by side until each has settled. ``guess`` is ``(W, ns)``;
-    ``prior`` its 1-sigma ``(ns,)`` (inf: none); ``scale`` ``(ns,)`` makes the search dimensionless; data and theta as in
-    ``simulate``. The interval function must have been built without parameter derivatives.
+    ``prior`` its 1-sigma ``(ns,)`` or ``(W, ns)`` (inf: none); ``scale`` ``(ns,)`` makes the search dimensionless; data and
+    theta as in ``simulate``. The interval function must have been built without parameter derivatives.
     """
     W, ns = guess.shape
-    inverse = np.where(np.isfinite(prior), scale / prior, 0.0) ** 2
+    every = np.broadcast_to(prior, guess.shape)
+    inverse = np.where(np.isfinite(every), scale / every, 0.0) ** 2
     best, damping = guess.copy(), np.full(W, 1e-2)
     cost, H, g = _gauss_newton(function, best, data, theta, scale)
     cost = cost + 0.0
     moving = np.arange(W)
     for _ in range(iterations):
         offset = (best[moving] - guess[moving]) / scale
-        hessian = H[moving] + np.eye(ns) * inverse
-        gradient = g[moving] + inverse * offset
+        known = inverse[moving]
+        hessian = H[moving] + np.eye(ns) * known[:, None, :]
+        gradient = g[moving] + known * offset
         damped = hessian + damping[moving, None, None] * np.einsum("wii->wi", hessian)[:, :, None] * np.eye(ns)
         damped += 1e-12 * np.trace(damped, axis1=1, axis2=2)[:, None, None] * np.eye(ns)
         step = -np.linalg.solve(damped, gradient[:, :, None])[:, :, 0]
         trial = best[moving] + step * scale
         now, H_new, g_new = _gauss_newton(function, trial, data[moving], theta[moving], scale)
-        before = cost[moving] + 0.5 * np.sum(inverse * offset**2, axis=1)
-        after = now + 0.5 * np.sum(inverse * ((trial - guess[moving]) / scale) ** 2, axis=1)
+        before = cost[moving] + 0.5 * np.sum(known * offset**2, axis=1)
+        after = now + 0.5 * np.sum(known * ((trial - guess[moving]) / scale) ** 2, axis=1)
         better = np.isfinite(after) & (after < before)
         taken = moving[better]
         best[taken], cost[taken], H[taken], g[taken] = trial[better], now[better], H_new[better], g_new[better]

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from pneuid.criticism.memory import carried
 from pneuid.errors import UserError
-from pneuid.estimation.first_guess import first_nodes
+from pneuid.estimation.first_guess import bristle, first_nodes, followed_effects
 from pneuid.estimation.fit import Fit, node_every
 from pneuid.estimation.motion import refined_motion
 from pneuid.estimation.preparation import Run
@@ -90,19 +92,26 @@ def _break_away(model: Frozen) -> float:
     return float(values.get("Fs", values["Fc"]) / stiffness)
 
 
+def _loose(model: Frozen) -> np.ndarray:
+    """1-sigma ``(ns,)`` of a state of which nothing is known but what can occur; infinite where measurements tell it."""
+    plant = model.plant
+    prior = np.full(len(plant.states), np.inf)
+    prior[plant.explicit_count] = _break_away(model)
+    prior[plant.explicit_count + 1 :] = [state.spread for state in plant.effect_states]
+    return prior
+
+
 def _start_states(
-    model: Frozen, function: IntervalFunction, guess: np.ndarray, data: np.ndarray, theta: np.ndarray
+    model: Frozen, function: IntervalFunction, guess: np.ndarray, data: np.ndarray, theta: np.ndarray, prior: np.ndarray
 ) -> np.ndarray:
-    """Start states ``(W, ns)`` of windows from their own measurements ``data`` (W, rows, N), parameters frozen.
+    """Start states ``(W, ns)`` of windows from their own measurements ``data`` (W, rows, N), parameters frozen; ``prior`` is
+    the 1-sigma of the guess, ``(ns,)`` or ``(W, ns)``.
 
     A window that breaks away, or comes to rest, has several local optima in the bristle: windows that fit worse than
     the others of their run are tried again from rest with the bristle relaxed and near break-away on either side.
     """
     plant = model.plant
-    z, spread = plant.explicit_count, _break_away(model)
-    prior = np.full(len(plant.states), np.inf)
-    prior[z] = spread
-    prior[z + 1 :] = [state.spread for state in plant.effect_states]
+    z, spread, prior = plant.explicit_count, _break_away(model), np.broadcast_to(prior, guess.shape)
     best, cost = estimate_start(function, guess, data, theta, prior, plant.state_scales, FIRST_TRIES)
     poor = np.flatnonzero(~(cost < OUTLYING * np.median(cost)))
     if poor.size == 0:
@@ -113,7 +122,9 @@ def _start_states(
             again[:, plant.states.index("v")] = 0.0
         if deflection is not None:
             again[:, z] = deflection * spread
-        tried, found = estimate_start(function, again, data[poor], theta[poor], prior, plant.state_scales, LATER_TRIES)
+        tried, found = estimate_start(
+            function, again, data[poor], theta[poor], prior[poor], plant.state_scales, LATER_TRIES
+        )
         better = found < cost[poor]
         best[poor[better]], cost[poor[better]] = tried[better], found[better]
     return best
@@ -134,6 +145,30 @@ def _used(run: Run, before: int, ahead: int, first: np.ndarray) -> np.ndarray:
     return (run.weights[:, window[:, before:].ravel()] > 0) & ~struck
 
 
+@dataclass(frozen=True)
+class Starts:
+    """Start states of windows ``(W, ns)``, and the 1-sigma ``(W, ns)`` of what was known of them before their own data."""
+
+    states: np.ndarray
+    prior: np.ndarray
+
+
+def _starts(
+    model: Frozen, function: IntervalFunction, run: Run, first: np.ndarray, data: np.ndarray, theta: np.ndarray
+) -> Starts:
+    """Start states of the windows that begin at the samples ``first``, slow effect states with what the windows before tell."""
+    plant, loose = model.plant, _loose(model)
+    guess, prior = _window_guess(model, run)[first], np.tile(loose, (first.size, 1))
+    states = _start_states(model, function, guess, data, theta, prior)
+    if not plant.effect_states:
+        return Starts(states, prior)
+    own = slice(plant.explicit_count + 1, None)
+    _, decay = followed_effects(plant, run, run.motion, bristle(plant, run, run.motion, dict(model.values)), dict(model.values))
+    forgotten = np.cumsum(decay * run.data[0], axis=1)[:, first].T
+    guess[:, own], prior[:, own] = carried(states[:, own], guess[:, own], forgotten, loose[own])
+    return Starts(_start_states(model, function, guess, data, theta, prior), prior)
+
+
 def _window_guess(model: Frozen, run: Run) -> np.ndarray:
     """State guesses ``(N, ns)`` at every sample, from the measurements."""
     return first_nodes(model.plant, [run], [run.motion], dict(model.values), 1).T
@@ -146,22 +181,20 @@ def predict_ahead(model: Frozen, runs: Sequence[Run]) -> list[Prediction]:
 
 
 def _ahead(
-    model: Frozen, function: IntervalFunction, run: Run, data: np.ndarray, start: np.ndarray | None = None
-) -> tuple[Prediction, np.ndarray]:
+    model: Frozen, function: IntervalFunction, run: Run, data: np.ndarray, start: Starts | None = None
+) -> tuple[Prediction, Starts]:
     """The prediction of every window, and the start states it took: those given, else estimated ones."""
     plant = model.plant
     before, ahead, first = _windows(run, function.samples)
     ny = len(plant.outputs)
     if first.size == 0:
-        empty = np.zeros((ny, 0))
-        return Prediction(run, np.zeros(0, dtype=int), empty, empty, empty.astype(bool)), np.zeros(
-            (0, len(plant.states))
-        )
+        empty, none = np.zeros((ny, 0)), np.zeros((0, len(plant.states)))
+        return Prediction(run, np.zeros(0, dtype=int), empty, empty, empty.astype(bool)), Starts(none, none)
     cut = np.stack([data[:, k : k + before + ahead] for k in first])
     theta = np.tile(model.theta(run), (first.size, 1))
     if start is None:
-        start = _start_states(model, function, _window_guess(model, run)[first], cut[:, :, :before], theta)
-    found = simulate(function, start, cut, theta)
+        start = _starts(model, function, run, first, cut[:, :, :before], theta)
+    found = simulate(function, start.states, cut, theta)
     index = (first[:, None] + before + np.arange(ahead)).ravel()
     predicted = found.outputs[:, :, before:].transpose(1, 0, 2).reshape(ny, -1)
     measured = data[-2 * ny : -ny][:, index]
@@ -185,7 +218,7 @@ def _free(
     theta = model.theta(run)[None]
     if start is None:
         head = padded[:, :, : min(before, padded.shape[2] // K * K)]
-        start = _start_states(model, function, _window_guess(model, run)[:1], head, theta)
+        start = _start_states(model, function, _window_guess(model, run)[:1], head, theta, _loose(model))
     found = simulate(function, start, padded, theta)
     index = np.arange(run.n)
     return Prediction(run, index, found.outputs[0, :, : run.n], data[-2 * ny : -ny], data[-ny:] > 0), start
@@ -203,7 +236,7 @@ def predict_apart(model: Frozen, runs: Sequence[Run], others: Iterable[Frozen]) 
     """
     function = _function(model, runs)
     one = _ahead if model.plant.servo else _free
-    known = [one(model, function, run, run.data) for run in runs]
+    known: list[tuple[Prediction, Any]] = [one(model, function, run, run.data) for run in runs]
     for other in others:
         yield [
             replace(one(other, function, run, run.data, start)[0], measured=here.predicted)
@@ -309,17 +342,17 @@ def _drawn_servo(model: Frozen, function: IntervalFunction, run: Run) -> Draw:
         return lambda _: predicted
     cut = np.stack([run.data[:, k : k + before + ahead] for k in first])
     theta = np.tile(model.theta(run), (first.size, 1))
-    clean = simulate(function, start, cut, theta).outputs
+    clean = simulate(function, start.states, cut, theta).outputs
     sigma = np.array([model.noise[name] for name in plant.outputs])[:, None]
     index, used = (first[:, None] + before + np.arange(ahead)).ravel(), _used(run, before, ahead, first)
 
     def draw(rng: np.random.Generator) -> Prediction:
         """Prediction of the windows where they are measured with noise of this generator."""
-        noisy, data, guess = clean + sigma * rng.standard_normal(clean.shape), cut.copy(), start.copy()
+        noisy, data, guess = clean + sigma * rng.standard_normal(clean.shape), cut.copy(), start.states.copy()
         data[:, -2 * ny : -ny] = noisy
         for i, name in enumerate(plant.outputs):
             guess[:, plant.states.index(name)] = noisy[:, i, :5].mean(axis=1)
-        again = _start_states(model, function, guess, data[:, :, :before], theta)
+        again = _start_states(model, function, guess, data[:, :, :before], theta, start.prior)
         found = simulate(function, again, data, theta).outputs[:, :, before:]
         measured = noisy[:, :, before:].transpose(1, 0, 2).reshape(ny, -1)
         return Prediction(run, index, found.transpose(1, 0, 2).reshape(ny, -1), measured, used)

@@ -128,13 +128,14 @@ def first_nodes(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion], valu
     columns = []
     for run, motion in zip(runs, moved, strict=True):
         at = np.arange(0, run.n, every)
-        z = _bristle(plant, run, motion, values)
+        z = bristle(plant, run, motion, values)
         states = {"x": motion.x[at], "v": motion.v[at], "z": z[at]}
         if plant.servo:
             for signal in ("p1", "p2"):
                 states[signal] = _averaged(run.measured(signal))[at]
-        own = _effect_states(plant, run, motion, z, values) if plant.effect_states else {}
-        states |= {name: value[at] for name, value in own.items()}
+        if plant.effect_states:
+            own, _ = followed_effects(plant, run, motion, z, values)
+            states |= {state.name: own[i, at] for i, state in enumerate(plant.effect_states)}
         columns.append(np.vstack([states[name] for name in plant.states]))
     return np.hstack(columns)
 
@@ -152,7 +153,7 @@ def follows_state(plant: Plant) -> bool:
     return bool(_coefficients(plant).sparsity_jac(0, 0).nnz() > 0)
 
 
-def _bristle(plant: Plant, run: Run, motion: Motion, values: dict) -> np.ndarray:
+def bristle(plant: Plant, run: Run, motion: Motion, values: dict) -> np.ndarray:
     """Deflection (N,) in m that carries the resisting force, at the friction coefficients of the measured pressures.
 
     A start that clips it at a level of other pressures puts every stick of the run into the wrong place, from where the slips
@@ -170,8 +171,11 @@ def _bristle(plant: Plant, run: Run, motion: Motion, values: dict) -> np.ndarray
     return np.asarray(np.clip(force, -level, level) / stiffness)
 
 
-def _effect_states(plant: Plant, run: Run, motion: Motion, z: np.ndarray, values: dict) -> dict[str, np.ndarray]:
-    """States ``(N,)`` that the effects bring, followed along the measured trajectory from their initial values."""
+def followed_effects(
+    plant: Plant, run: Run, motion: Motion, z: np.ndarray, values: dict
+) -> tuple[np.ndarray, np.ndarray]:
+    """States ``(ne, N)`` that the effects bring, followed along the measured trajectory from their initial values, and how
+    fast they forget ``(ne, N)``, 1/s; ``z`` (N,) is the bristle's deflection in m."""
     s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
     theta = ca.SX.sym("theta", len(plant.theta_names))
     relaxing = plant.evaluate(s, w, theta).relaxing[1:]
@@ -181,19 +185,14 @@ def _effect_states(plant: Plant, run: Run, motion: Motion, z: np.ndarray, values
     column = plant.theta(values, _OPEN_RANGES, run.own.mass)
     known = {"x": motion.x, "v": motion.v, "z": z}
     known |= {name: _averaged(run.measured(name)) for name in ("p1", "p2") if name in plant.outputs}
-    found = {state.name: np.full(run.n, state.initial) for state in plant.effect_states}
+    core = [known.get(name, np.zeros(run.n)) for name in plant.states[: len(plant.states) - len(plant.effect_states)]]
+    found = np.array([np.full(run.n, state.initial) for state in plant.effect_states])
     for _ in range(2):  # a target may depend on the state itself: once along the initial value, once along the result
-        states = np.vstack([(known | found)[name] for name in plant.states])
-        source, decay = (np.asarray(item) for item in rates(states, given, column[:, None]))
-        forget = np.exp(-decay * run.data[0])
-        settled = source / decay
-        for i, state in enumerate(plant.effect_states):
-            track = np.empty(run.n)
-            track[0] = state.initial
-            for k in range(run.n - 1):
-                track[k + 1] = settled[i, k] + (track[k] - settled[i, k]) * forget[i, k]
-            found[state.name] = track
-    return found
+        source, decay = (np.asarray(item) for item in rates(np.vstack([*core, *found]), given, column[:, None]))
+        forget, settled = np.exp(-decay * run.data[0]), source / decay
+        for k in range(run.n - 1):
+            found[:, k + 1] = settled[:, k] + (found[:, k] - settled[:, k]) * forget[:, k]
+    return found, decay
 
 
 def _averaged(y: np.ndarray) -> np.ndarray:
