@@ -49,6 +49,16 @@ def test_what_is_accepted(current, error, cost, taken):
     assert (found is not None) == taken
 
 
+@pytest.mark.parametrize(
+    ("error", "cost", "taken"), [(6.0, 26_000.0, True), (12.0, 26_000.0, False), (6.0, 26_500.0, False)]
+)
+def test_beside_a_strong_first_effect_a_second_one_must_explain_nearly_all_that_is_left(error, cost, taken):
+    """The first brought 402 400, more than any second one can: here 83 or 63 % of what is left, 6 or 4 % of its cost."""
+    tried = [(score("valve_dead_zone", 500.0), stub(error, cost, "valve_dead_zone"))]
+    found = rounds.accepted(tried, ALONE, stub(14_500.0, 430_000.0), JUDGE, False)
+    assert (found is not None) == taken
+
+
 def test_costs_are_compared_with_loose_defects_where_one_has_no_others():
     """A base model too wrong for tight ones: what a later effect brings with tight ones says nothing beside it."""
 
@@ -129,6 +139,37 @@ def test_a_later_effect_must_promise_a_part_of_what_came_before():
     # 5 % of the 15 400 that the first effect brought is 770
     assert _round([score("gravity", 700.0)], [], current=ALONE)[0].made == []
     assert _round([score("gravity", 900.0)], [20.0], current=ALONE)[0].made == ["gravity"]
+
+
+def test_a_strong_first_effect_does_not_hide_a_second_one():
+    # 5 % of the 402 400 that the first effect brought would be 20 120; 5 % of what is left is 1 380
+    strong = stub(145.0, 430_000.0)
+    assert _round([score("gravity", 2000.0)], [20.0], current=ALONE, first=strong)[0].made == ["gravity"]
+    assert _round([score("gravity", 1000.0)], [], current=ALONE, first=strong)[0].made == []
+
+
+@pytest.mark.parametrize(
+    ("name", "drop", "errors", "made"),
+    [
+        ("friction_warmup", 3000.0, [40.0, 12.0], 2),  # it made things worse with the break-away that excused it
+        ("friction_warmup", 3000.0, [12.0], 1),
+        ("friction_warmup", 1450.0, [40.0], 1),  # it promises less than a twentieth
+        ("valve_offset", 3000.0, [40.0], 1),  # friction has not excused a valve
+    ],
+)
+def test_a_later_friction_effect_that_does_not_help_has_break_away_read_anew(name, drop, errors, made):
+    refitter, _ = _round([score(name, drop)], errors, current=ALONE)
+    assert refitter.made == [name] * made
+    assert refitter.asked[-1].anew is (made == 2)
+
+
+def test_of_both_readings_of_break_away_the_better_one_is_kept():
+    judge = SimpleNamespace(spread=0.02, small=0.15, trial=lambda made, _: made)
+    for first, second in ((40.0, 12.0), (40.0, 55.0)):
+        ends = iter([stub(first, 27_000.0), stub(second, 27_000.0)])
+        refitter = SimpleNamespace(each=lambda _, asked, ends=ends: ((one, lambda: next(ends)) for one in asked))
+        (_, trial), *_ = rounds.refitted(ALONE, FIRST, [score("friction_warmup", 3000.0)], judge, refitter, lambda _: None)
+        assert trial.error == min(first, second)
 
 
 def _looks(monkeypatch, errors, scores, tried=(), defects=(), afresh=None, jumps=None):

@@ -7,7 +7,7 @@ import numpy as np
 ENOUGH = 3
 """Windows, the present one included, from which a state is carried on."""
 
-LASTING = 0.3
+LASTING = 0.8
 """Share of a deviation that must last from one window to a later one for the earlier to say anything."""
 
 CERTAIN = 0.02

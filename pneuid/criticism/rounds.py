@@ -43,6 +43,9 @@ LEAST_PART = 0.05
 """Drop of the training cost, relative to what the effects before it brought, that a later effect must bring: where the rig
 differs in form from the catalogue, what is left attracts others, by 2 to 4 %."""
 
+NEARLY_ALL = 0.8
+"""Share of what is left from which a later effect need not bring that part: what only differs in form leaves more."""
+
 SECOND_LOOKS = 6
 """Effects on the loudest balance refitted where the leading ones do not help: a linear prediction misses what acts in jerks."""
 
@@ -76,7 +79,8 @@ def refitted(
     """
     newly = current.added is None
     before, now = costs(first, current)
-    worth = max(LEAST_PART * (before - now), WORTH_ADDING * current.fit.relaxed_cost)
+    cost = current.fit.relaxed_cost
+    worth = max(min(LEAST_PART * (before - now), CLEAR_DROP * cost), WORTH_ADDING * cost)
     least = LEAST_DROP if newly else max(LEAST_DROP, worth)
     chosen = list(_shortlist(scores, REFITS if newly else LATER_REFITS, least))
     if not chosen:
@@ -89,8 +93,21 @@ def refitted(
         minor = score.effect.name not in related and score.drop < CLOSE * leader.drop
         if minor and len(tried) > 1 and any(_all_explained(trial, current, judge) for _, trial in tried):
             continue
-        tried.append((score, _tried(current, score, make, judge, say)))
+        trial = _tried(current, score, make, judge, say)
+        if not newly and score.gain > CLEAR_DROP and score.effect.equation in ACTING_ON["force"]:
+            trial = _with_break_away(trial, current, score, judge, refitter, say)
+        tried.append((score, trial))
     return tried
+
+
+def _with_break_away(trial: Trial, current: Trial, score: Score, judge: Judge, refitter: Refitter, say: Say) -> Trial:
+    """The trial, or where it does not help one that reads break-away anew, which so far excused what the effect does."""
+    if trial.error < current.error - LEAST_SHARE * (current.error - 1.0):
+        return trial
+    again = Asked(score.effect, score.start, score.gain, way=1.0, anew=True)
+    (_, make), *_ = refitter.each(current.fit, [again])
+    other = _tried(current, score, make, judge, say)
+    return other if other.error < trial.error else trial
 
 
 def second_looks(
@@ -141,7 +158,8 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge, doubtful:
         drop = now - after
         told = part >= SOME_SHARE and drop >= CLEAR_DROP * now
         share = fall / original >= LEAST_SHARE or part >= CLEAR_SHARE or told
-        least = max(LEAST_DROP, LEAST_PART * (before - now))
+        nearly = part >= NEARLY_ALL and drop >= CLEAR_DROP * now
+        least = LEAST_DROP if nearly else max(LEAST_DROP, LEAST_PART * (before - now))
         shown = judge.learned(trial) or not doubtful
         if excess > 0 and fall > 3 * judge.spread and share and drop > least and shown and _inside_bounds(score, trial):
             good.append((score, trial))
