@@ -209,6 +209,15 @@ def test_a_second_look_takes_what_acts_on_the_loudest_balance_and_was_not_there_
     assert better == {"load_mass": 144.0, "backlash": 40.0, "friction_lag": 50.0}, "the better trial of an effect is kept"
 
 
+@pytest.mark.parametrize(("error", "looked_at"), [(150.0, ["friction_warmup"]), (100.0, [])])
+def test_what_promised_much_and_did_not_help_gets_a_second_look(error, looked_at, monkeypatch):
+    one = score("friction_warmup", 2600.0)
+    tried = [(one, stub(error, 42_000.0, "friction_warmup"))]
+    refitter, found = _looks(monkeypatch, {"friction_warmup": (5.0, 27_000.0)}, [one], tried)
+    assert refitter.made == looked_at
+    assert found[0][1].error == (5.0 if looked_at else error)
+
+
 def test_a_second_look_ends_with_the_effect_that_explains_all(monkeypatch):
     errors = {"gravity": (50.0, 27_000.0), "backlash": (1.05, 27_000.0), "friction_lag": (1.0, 27_000.0)}
     _, found = _looks(monkeypatch, errors, [score(name, 5.0) for name in errors])

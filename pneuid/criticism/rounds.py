@@ -102,12 +102,17 @@ def refitted(
 
 def _with_break_away(trial: Trial, current: Trial, score: Score, judge: Judge, refitter: Refitter, say: Say) -> Trial:
     """The trial, or where it does not help one that reads break-away anew, which so far excused what the effect does."""
-    if trial.error < current.error - LEAST_SHARE * (current.error - 1.0):
+    if _helps(trial, current):
         return trial
     again = Asked(score.effect, score.start, score.gain, way=1.0, anew=True)
     (_, make), *_ = refitter.each(current.fit, [again])
     other = _tried(current, score, make, judge, say)
     return other if other.error < trial.error else trial
+
+
+def _helps(trial: Trial, current: Trial) -> bool:
+    """Whether a refit predicts better at all."""
+    return trial.error < current.error - LEAST_SHARE * (current.error - 1.0)
 
 
 def second_looks(
@@ -116,14 +121,18 @@ def second_looks(
     """Those tried, and trials with others that act on the loudest balance, from typical amplitudes, until one explains all.
 
     First come those that promise most, at zero or at a step of a typical size or of a part of it, from where that step leads.
-    An effect whose refit set out far below a typical amplitude is tried again, and the better trial kept.
+    An effect whose refit set out far below a typical amplitude, or that promised much and did not help, is tried again, and the
+    better trial kept.
     """
     loudest = max(equation_defects(current.fit), key=lambda item: item.rms / max(item.expected_rms, 1e-12), default=None)
     acting = ACTING_ON[loudest.equation if loudest else "force"]
     known = {score.effect.name: trial for score, trial in tried}
     open_ones = [
         score for score in scores
-        if score.effect.equation in acting and (score.effect.name not in known or _set_out_small(current, score))
+        if score.effect.equation in acting and (
+            score.effect.name not in known or _set_out_small(current, score)
+            or (score.gain > CLEAR_DROP and not _helps(known[score.effect.name], current))
+        )
     ]  # fmt: skip
     if not open_ones:
         return list(tried)
@@ -221,7 +230,7 @@ def _set_out_small(current: Trial, score: Score) -> bool:
 def _half_way(trial: Trial, current: Trial) -> bool:
     """Whether a refit predicts better but costs more on the training runs: most of its sticks still break away elsewhere."""
     now, after = costs(current, trial)
-    return trial.error < current.error - LEAST_SHARE * (current.error - 1.0) and after > now - LEAST_DROP
+    return _helps(trial, current) and after > now - LEAST_DROP
 
 
 def settled(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
