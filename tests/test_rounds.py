@@ -19,6 +19,8 @@ from pneuid.effect import Parameter
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.shooting import Scaling
 
+INSIDE = rounds._inside_bounds
+
 
 @pytest.fixture(autouse=True)
 def _amplitudes_are_inside(monkeypatch):
@@ -139,6 +141,24 @@ def test_a_later_effect_must_promise_a_part_of_what_came_before():
     # 5 % of the 15 400 that the first effect brought is 770
     assert _round([score("gravity", 700.0)], [], current=ALONE)[0].made == []
     assert _round([score("gravity", 900.0)], [20.0], current=ALONE)[0].made == ["gravity"]
+
+
+@pytest.mark.parametrize(
+    ("start", "declared", "on_bound", "inside"),
+    [
+        ({"k1": 1e-4, "k2": 1e-4}, ("Fc", "k1", "k2"), (False, True, False), True),
+        ({"k1": 1e-4, "k2": 1e-4}, ("Fc", "k1", "k2"), (False, True, True), False),
+        # a friction law's start is no parameter of the model that it makes
+        ({"dFs_stribeck": 8.0}, ("Fc", "Fs", "vs"), (False, False, True), True),
+    ],
+)
+def test_an_amplitude_that_stays_at_its_bound_is_no_effect_and_a_law_has_none(start, declared, on_bound, inside):
+    problem = SimpleNamespace(
+        declared=[SimpleNamespace(name=name) for name in declared], nq=len(declared),
+        scaling=SimpleNamespace(on_bound=lambda _: np.array(on_bound)),
+    )  # fmt: skip
+    fit = SimpleNamespace(problem=problem, relaxed=SimpleNamespace(X=np.zeros(9)))
+    assert INSIDE(SimpleNamespace(start=start), SimpleNamespace(fit=fit)) is inside
 
 
 def test_a_strong_first_effect_does_not_hide_a_second_one():

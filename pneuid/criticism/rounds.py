@@ -258,10 +258,13 @@ def _typical_start(current: Trial, score: Score) -> dict[str, float]:
 
 
 def _inside_bounds(score: Score, trial: Trial) -> bool:
-    """At least one amplitude of the effect has left its off-value, and none but shapes lies on a bound."""
+    """At least one amplitude of the effect has left its off-value, and none but shapes lies on a bound.
+
+    A richer friction law has no amplitude that could be zero: its parameters are those of the model it makes.
+    """
     names = set(score.start)
     problem = trial.fit.problem
     q = trial.fit.relaxed.X[: problem.nq]
     on_bound = problem.scaling.on_bound(q)
     amplitudes = [j for j, item in enumerate(problem.declared) if item.name in names]
-    return not all(on_bound[j] for j in amplitudes)
+    return not amplitudes or not all(on_bound[j] for j in amplitudes)
