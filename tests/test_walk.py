@@ -10,8 +10,9 @@ from trials import FIRST, JUDGE, score, stub
 from pneuid.criticism import decision, rounds, together, walk
 from pneuid.criticism.decision import _verdict
 from pneuid.criticism.diagnosis import Candidate, Diagnosis
+from pneuid.criticism.screening import Score
 from pneuid.criticism.walk import Walk, _better_without, _rivals
-from pneuid.effects import CATALOGUE
+from pneuid.effects import CATALOGUE, LAW_STEPS
 from pneuid.report.summary import verdict_lines
 
 
@@ -63,6 +64,20 @@ def test_beside_an_effect_that_leaves_noise_alone_a_rival_must_leave_noise_alone
     # where the best one leaves more than noise, a lead of that size is an accident
     tried = [(score("valve_lag", 800.0), stub(4.0, 26_333.0)), (score("channel_skew", 790.0), stub(4.4, 26_343.0))]
     assert _rivals(tried[0], tried, FIRST, JUDGE) == ("channel_skew",)
+
+
+@pytest.mark.parametrize(("dahl", "named"), [(1.02, "law:dahl"), (3.0, "law:lugre")])
+def test_of_friction_laws_that_explain_as_much_the_plainest_is_named(dahl, named):
+    tried = []
+    for name, parameters, error in (("law:lugre", 6, 1.0), ("law:dahl", 3, dahl), ("friction_presliding_memory", 5, 1.01)):
+        effect = LAW_STEPS.get(name) or CATALOGUE[name]
+        trial = stub(error, 26_333.0, name)
+        trial.fit.plant = SimpleNamespace(parameters=[None] * parameters)
+        tried.append((Score(effect, 900.0, 0.03, 1, {}, ()), trial))
+    chosen = walk._plainest(tried[0], tried, FIRST, JUDGE)
+    assert chosen[0].effect.name == named
+    # an effect that is no law stays a rival, a law that contains the named one does not
+    assert _rivals(chosen, tried, FIRST, JUDGE) == ("friction_presliding_memory",)
 
 
 def test_a_candidate_that_made_things_worse_stays_where_screening_put_it():

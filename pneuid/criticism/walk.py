@@ -128,6 +128,8 @@ class Walk:
             self.first, self.current = (self.first if self.named else smaller), smaller
         for score, trial in tried:
             _record(self.ranking, score, trial, self.current, self.first, keep=bool(self.named))
+        if chosen is not None and smaller is None:
+            chosen = _plainest(chosen, tried, self.current, self.judge)
         self.rungs += [
             self.rung(trial, False) for _, trial in tried if chosen is None or trial.added != chosen[1].added
         ]
@@ -229,4 +231,20 @@ def _rivals(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Ju
         ahead = ahead and (trial.error - 1.0 < judge.small or not clean)
         return ahead and other - best < max(TELLING * (before - best), SURE)
 
-    return tuple(score.effect.name for score, trial in tried if score is not chosen[0] and alike(trial))
+    return tuple(
+        score.effect.name for score, trial in tried
+        if score is not chosen[0] and alike(trial) and not _contains((score, trial), chosen)
+    )  # fmt: skip
+
+
+def _contains(one: tuple[Score, Trial], other: tuple[Score, Trial]) -> bool:
+    """Whether both are friction laws and the first has more parameters: it explains whatever the second one does."""
+    laws = one[0].effect.richer_law and other[0].effect.richer_law
+    return bool(laws) and len(one[1].fit.plant.parameters) > len(other[1].fit.plant.parameters)
+
+
+def _plainest(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge) -> tuple[Score, Trial]:
+    """The chosen effect; of friction laws that explain as much the one with the fewest parameters."""
+    alike = _rivals(chosen, tried, current, judge)
+    plainer = [pair for pair in tried if pair[0].effect.name in alike and _contains(chosen, pair)]
+    return min(plainer, key=lambda pair: len(pair[1].fit.plant.parameters), default=chosen)
