@@ -31,6 +31,7 @@ from pneuid.report.html import Items, Paragraph, Picture, Section, Table, page, 
 from pneuid.report.reports import compare_report, diagnose_report, identify_report
 from pneuid.report.signal_figures import errors_bar, overlay, residual_map, role_word, telling_run, worst_span
 from pneuid.report.signal_units import ErrorUnit, error_unit, shown
+from pneuid.report.summary import verdict_lines
 from pneuid.rig import Rig
 
 SERVO = {
@@ -510,3 +511,15 @@ def test_a_page_without_figures_is_small():
     assert len(text) < 6000
     assert "data:image" not in text
     assert "data:image" in page("A", [Section("One", (Picture(ladder(RUNGS), "rungs"),))])
+
+
+def test_the_terminal_tells_the_next_experiment():
+    assert verdict_lines(DIAGNOSIS)[-1] == "next experiment: a dwell under load tells them apart"
+    assert not any("next experiment" in line for line in verdict_lines(dataclasses.replace(DIAGNOSIS, next_experiment=None)))
+
+
+def test_a_chance_of_nothing_is_not_told():
+    alike = {"why": "gravity and sensor_offset_F act alike", "file": None, "power": 0.0}
+    section = sections.diagnosis_verdict(dataclasses.replace(DIAGNOSIS, next_experiment=alike))
+    words = " ".join(part.text for part in section.parts if isinstance(part, Paragraph))
+    assert "act alike" in words and "Chance" not in words and "Command file" not in words

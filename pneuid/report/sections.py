@@ -331,7 +331,7 @@ def diagnosis_verdict(diagnosis: Diagnosis, patm: float = ATMOSPHERE) -> Section
     if following:
         file = f" Command file: {following['file']}." if following.get("file") else ""
         power = following.get("power")
-        odds = f" Chance that it decides: {percent(power)}." if isinstance(power, int | float) else ""
+        odds = f" Chance that it decides: {percent(power)}." if power else ""
         parts.append(Paragraph(f"Next experiment: {following.get('why', '')}.{file}{odds}".replace("..", "."), "note"))
     return Section("Verdict", tuple(parts))
 

@@ -82,4 +82,6 @@ def verdict_lines(diagnosis: Diagnosis) -> list[str]:
         rest = diagnosis.unknown
         where = ", ".join(rest.depends_on) or "no signal in particular"
         lines.append(f"unexplained: {rest.rms:.3g} {rest.unit} rms in equation {rest.equation}, follows {where}")
+    if diagnosis.next_experiment:
+        lines.append(f"next experiment: {diagnosis.next_experiment['why']}")
     return lines

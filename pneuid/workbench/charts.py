@@ -123,7 +123,7 @@ def ranking_chart(diagnosis: Mapping[str, Any], ink: Ink, most: int = 12) -> Fig
                          "marker": {"color": color, "size": 13}, "name": words,
                          "hovertemplate": "%{x:.3f} times the error without it<extra></extra>"})  # fmt: skip
     layout = base_layout(ink, "ranking")
-    layout["margin"] |= {"l": 190, "r": 200, "t": 84, "b": 10}
+    layout["margin"] |= {"l": 190, "r": 225, "t": 84, "b": 10}
     layout["legend"] |= {"yref": "container", "y": 1.0, "yanchor": "top"}
     # the axes stand above the rows, so that the best candidates can be read without scrolling
     layout["xaxis"] = axis_style(ink, "predicted drop of the cost (%)") | {

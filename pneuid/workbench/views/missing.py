@@ -208,7 +208,7 @@ def _next_experiment(page: Any, found: Mapping[str, Any]) -> None:
         with ui.column().classes("grow gap-0"):
             ui.label("Next experiment").classes("head")
             ui.label(str(plan.get("why", "")))
-            if plan.get("power") is not None:
+            if plan.get("power"):
                 ui.label(f"expected to decide with a probability of {percent(float(plan['power']))}").classes("soft")
         path = (page.bench.project.folder / str(plan.get("file", ""))).resolve()
         if path.is_file() and path.is_relative_to(page.bench.project.folder):
