@@ -78,8 +78,8 @@ class Rival:
         problem.set_smoothing(relaxed_smoothing(plant))
         problem.relaxation = fit.problem.relaxation
         at = problem.samples * np.arange(problem.nint)
-        # a servo's own motion and pressures are measured, and the bristle follows from them
-        shared = plant.explicit_count + 1 if plant.servo else 0
+        # motion and pressures are measured, and the bristle follows from them
+        shared = plant.explicit_count + 1
         nodes = np.vstack([seen.states[:shared, at], own.states[shared:, at]])
         q = problem.scaling.to_q(np.array([values[name] for name in self.free]))
         X = problem.join(np.clip(q, problem.scaling.lower, problem.scaling.upper), nodes)
