@@ -1,8 +1,8 @@
-"""The decision: screen, refit the leading effects, judge on held-out runs, and again on the new model.
+"""The decision: the walk from model to model on held-out runs, and the verdict on where it ends.
 
 Forward: the effect that lowers the held-out error most is accepted when the fall is more than noise alone would give, at
-least a tenth of the excess over the noise floor, and its parameters are inside their bounds. Backward: an accepted
-effect that later turns out to be unneeded is dropped. What is left over at the end decides between ``effect`` and
+least a tenth of the excess over the noise floor, and its parameters are inside their bounds (`rounds`, `walk`). Backward: an
+accepted effect that later turns out to be unneeded is dropped. What is left over at the end decides between ``effect`` and
 ``unknown``.
 """
 
@@ -29,6 +29,7 @@ MOSTLY, MINOR = 0.9, 0.25
 """Shares of the excess explained: below the first a rest is reported, below the second the rest is the verdict."""
 
 MOST_ROUNDS = 4
+"""Rounds of the walk, each of which accepts an effect, two at once, or a better start."""
 
 OPEN = (
     "the held-out runs ask for what the training runs leave open of the parameters, and that explains the error; "
@@ -39,6 +40,7 @@ SHOWN = (
     "the training runs leave more than noise themselves, and {} is what shows in them most; "
     "hold out a run like them to judge it"
 )
+
 
 @dataclass
 class Verdict:
