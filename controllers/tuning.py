@@ -82,8 +82,8 @@ SAMPLES_PER_RADIAN = 12.0
 """Samples per radian of the cascade's bandwidth: leaves its force loop, 3 times faster, half a radian of delay."""
 
 RADIANS_OF_LAG = 0.5
-"""Largest product of the cascade's bandwidth and the valve's delay: the force loop then has the time constant of the lag. At
-0.76 the loop breaks down where the valve's slew is limited."""
+"""Largest product of the cascade's bandwidth and the valve's delay: the force loop, 2.5 times faster, is then as fast as the
+lag. At 0.76 a loop behind a spool that lags by 10 ms, and slews half its full scale in that time, broke down."""
 
 
 def authority(model: ControlModel, supply: float) -> Authority:
@@ -118,7 +118,7 @@ def default_bandwidth(model: ControlModel, supply: float, sample_time: float) ->
 
 
 def cascade_bandwidth(model: ControlModel, supply: float, sample_time: float) -> float:
-    """Bandwidth of the cascade in rad/s: a valve that lags limits it too, since the inverse valve has to lead by the lag."""
+    """Bandwidth of the cascade in rad/s: a valve that lags limits it too, as the inverse valve drives the spool the harder."""
     delay = max(authority(model, supply).delay, 1e-9)
     return min(default_bandwidth(model, supply, sample_time), RADIANS_OF_LAG / delay)
 

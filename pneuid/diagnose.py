@@ -111,7 +111,8 @@ def _next(
     unknown = diagnosis.unknown.effect if diagnosis.verdict == "unknown" and diagnosis.unknown else None
     if diagnosis.verdict != "effect" and unknown is None:
         if diagnosis.command is not None:
-            return f"play {folder / 'next.csv'} on the rig, and diagnose again with that recording among --data"
+            again = "diagnose again with one recording among --data and the other among --hold-out"
+            return f"play {folder / 'next.csv'} on the rig twice, and {again}"
         return "look at the report, then record what it asks for"
     out = next_folder(path.parent, f"{path.parent.name}_better")
     return command_line(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from controllers import loop
-from controllers.control_model import ControlModel
+from controllers.control_model import ControlModel, KnownFriction
 from controllers.horizon import stage_function, stage_scale
 from controllers.model_plant import ModelPlant
 from controllers.nominal import rig_of
@@ -37,20 +37,11 @@ def model_of(name: str | None) -> ControlModel:
     return ControlModel(plant, plant.theta(values, RANGES))
 
 
-class _Imposed:
-    """The plant under a known friction force, for ``substep``."""
-
-    def __init__(self, plant: Plant, force: float) -> None:
-        self._plant, self._force, self.explicit_count = plant, force, plant.explicit_count
-
-    def evaluate(self, s, w, theta):
-        return self._plant.evaluate(s, w, theta, lambda _: self._force)
-
-
 def _finely(model: ControlModel, state: np.ndarray, u: float, force: float, count: int = 64) -> np.ndarray:
     """One stage by many of the plant's own steps."""
     s = ca.SX.sym("s", model.states)
-    after = substep(_Imposed(model.plant, force), s, ca.DM([u, SUPPLY]), ca.DM.zeros(2), INTERVAL / count, ca.DM(model.theta))
+    plant, given = KnownFriction(model, 0.0, force), ca.DM([u, SUPPLY])
+    after = substep(plant, s, given, ca.DM.zeros(2), INTERVAL / count, ca.DM(model.theta))
     step = ca.Function("step", [s], [after])
     for _ in range(count):
         state = np.asarray(step(state)).ravel()

@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from helpers import RANGES, base_fit, held_runs, rig, values_of
 
+from pneuid.criticism import prediction
 from pneuid.criticism.memory import CERTAIN, carried
+from pneuid.criticism.prediction import Frozen
+from pneuid.effects import effects_by_name
+from pneuid.estimation.preparation import prepare
+from pneuid.plant import Plant
 
 W = 30
 SPREAD = np.array([1.0])
@@ -49,3 +56,20 @@ def test_a_state_that_forgets_is_found_by_each_window_itself():
     guess, sigma = carried(found, followed, forgotten, SPREAD)
     np.testing.assert_array_equal(guess, followed)
     np.testing.assert_array_equal(sigma, 1.0)
+
+
+@pytest.mark.parametrize(("name", "changes", "lasts"), [
+    ("friction_warmup", {"w_warm": 0.3, "tau_warm": 60.0}, True), ("valve_lag", {"tau_valve": 4e-3}, False),
+])  # fmt: skip
+def test_a_prediction_carries_a_warmth_from_window_to_window_and_no_spool(name, changes, lasts, monkeypatch):
+    plant = Plant(rig(), "lugre", effects_by_name([name]))
+    base = base_fit()
+    model = Frozen(plant, values_of(plant, changes), RANGES, base.noise, base.problem.substeps)
+    run = prepare(held_runs()[0], plant, base.noise)
+    made, estimate = [], prediction._start_states
+    monkeypatch.setattr(prediction, "_start_states", lambda *given: made.append(given[-1]) or estimate(*given))
+    _, start = prediction._ahead(model, prediction._function(model, [run]), run, run.data)
+    spread = plant.effect_states[0].spread
+    assert len(made) == (2 if lasts else 1)
+    assert np.all(start.prior[0, -1] == spread)
+    assert np.all(start.prior[5:, -1] < spread) if lasts else np.all(start.prior[:, -1] == spread)

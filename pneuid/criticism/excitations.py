@@ -183,7 +183,7 @@ SERVO_LIBRARY: tuple[Excitation, ...] = (
     Excitation("dwell and break-away", "rests of different length, each ended by a slow ramp", _break_away),
     Excitation("strokes at several speeds", "strokes out and back, each pair three times as fast", _speeds),
     Excitation("small steps", "quick steps of a few per cent of the stroke, with rests", _small_steps),
-    Excitation("large steps", "steps over most of the stroke as fast as the valve allows", _large_steps),
+    Excitation("large steps", "steps over most of the stroke as fast as the drive allows", _large_steps),
     Excitation("closed-valve hold", "the axis is moved, then the valve is shut while pressures are watched", _hold,
                _hold_closed),
     Excitation("reversals at two supply levels",

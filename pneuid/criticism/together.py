@@ -23,7 +23,6 @@ FOOTHOLD = 0.5
 FIRSTS, SECONDS = 4, 2
 """How many such effects are tried with the second one, and how many second ones are refitted beside the best of them."""
 
-
 ONE_OF_TWO = 0.5
 """Share of the excess, of the standing model and of the best with one effect, that two may leave at most."""
 
@@ -88,7 +87,7 @@ def together(
     name = alone.effect.name
     scores = screen(trial.fit, candidates, refitter.order)
     worth = [score for score in scores if score.drop > max(LEAST_DROP, WORTH_ADDING * trial.fit.relaxed_cost)]
-    say(f"{name} fits far better and predicts no better; looking for a second effect that hides it")
+    say(f"{name} fits far better and leaves much of the prediction; looking for a second effect that hides it")
     beside = [score for score in worth if not score.effect.richer_law][:SECONDS]
     asked = [Asked(score.effect, score.start, score.gain) for score in beside]
     pairs = []
