@@ -154,6 +154,8 @@ class Effect:
     confused_with: tuple[str, ...] = ()
     rigs: tuple[str, ...] = ("servo", "bench")
     """Kinds of rig whose data can show it."""
+    contains: tuple[str, ...] = ()
+    """Effects that this one turns into in a limit of its parameters."""
     guarantees: tuple[str, ...] = ()
     """Promises checked by the contract suite: ``dissipative``, ``conserves mass``."""
     states: Sequence[State] = ()

@@ -55,15 +55,15 @@ def test_the_verdict_says_that_the_training_runs_leave_it_open():
     assert any("train on runs that cover" in sentence for sentence in found.sentences)
 
 
-def test_what_the_training_runs_show_is_said_although_the_held_out_runs_cannot_judge_it():
+def test_what_the_training_runs_show_is_named_although_the_held_out_runs_cannot_judge_it():
     hidden = Hidden(friction_direction=0.03)
     base, held = fitted(hidden), [recorded("fast.csv", FAST, 1003, hidden)]
     judge = judge_of(base, [prepare(run, base.plant, base.noise) for run in held])
     trial = judge.trial(base)
     assert judge.explains(trial) and not judge.learned(trial)
     found = diagnose(base, held, CATALOGUE).diagnosis
-    assert found.verdict == "adequate"
-    assert any("friction_direction is what shows in them most" in sentence for sentence in found.sentences)
+    assert found.verdict in ("effect", "ambiguous") and "friction_direction" in found.effects
+    assert any("the training runs show by themselves" in sentence for sentence in found.sentences)
 
 
 def test_what_is_open_vanishes_on_runs_like_the_training_runs():

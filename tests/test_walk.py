@@ -7,22 +7,27 @@ from types import SimpleNamespace
 import pytest
 from trials import FIRST, JUDGE, score, stub
 
-from pneuid.criticism import decision, rounds, together, walk
+from pneuid.criticism import decision, rounds, shown, together, walk
 from pneuid.criticism.decision import _verdict
 from pneuid.criticism.diagnosis import Candidate, Diagnosis
 from pneuid.criticism.screening import Score
-from pneuid.criticism.walk import Walk, _better_without, _rivals
+from pneuid.criticism.walk import Walk, _better_without
 from pneuid.effects import CATALOGUE, LAW_STEPS
 from pneuid.report.summary import verdict_lines
 
 
 @pytest.fixture(autouse=True)
 def _amplitudes_are_inside(monkeypatch):
-    monkeypatch.setattr(rounds, "_inside_bounds", lambda *_: True)
+    monkeypatch.setattr(rounds, "inside_bounds", lambda *_: True)
+    monkeypatch.setattr(shown, "inside_bounds", lambda *_: True)
 
 
 def walking(judge=JUDGE, refitter=None, current=FIRST) -> Walk:
     return Walk(judge, current, FIRST, CATALOGUE, refitter or SimpleNamespace(), lambda _: None)
+
+
+def rivals(chosen, tried) -> tuple[str, ...]:
+    return tuple(pair[0].effect.name for pair in walking()._rivals(chosen, tried))
 
 
 @pytest.mark.parametrize(("read_anew", "named"), [(90.0, "backlash"), (70.0, "load_mass"), (160.0, "backlash")])
@@ -34,7 +39,7 @@ def test_what_reading_break_away_anew_makes_worse_is_the_best_no_longer(read_ane
     monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
     monkeypatch.setattr(walk, "settled", lambda trial, *_: ends[trial.added])
-    after, chosen = walking()._round([], False)
+    after, chosen = walking()._round([], 15.0)
     assert chosen is not None and chosen[0].effect.name == named and chosen[1] is ends[named]
     assert after[0][1] is ends["load_mass"], "what was tried is told as it ended"
 
@@ -46,7 +51,7 @@ def test_an_effect_that_does_not_bear_reading_break_away_anew_is_not_accepted(mo
     monkeypatch.setattr(walk, "second_looks", lambda *_: tried)
     monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
     monkeypatch.setattr(walk, "settled", lambda *_: stub(180.0, 42_800.0, "backlash"))
-    assert walking()._round([], False)[1] is None
+    assert walking()._round([], 15.0)[1] is None
 
 
 def test_rivals_explain_both_kinds_of_runs_alike_whatever_their_group():
@@ -55,15 +60,15 @@ def test_rivals_explain_both_kinds_of_runs_alike_whatever_their_group():
     worse_ahead = (score("channel_skew", 780.0), stub(9.0, 26_340.0))
     worse_in_training = (score("gravity", 770.0), stub(1.1, 27_500.0))
     tried = [best, near, worse_ahead, worse_in_training]
-    assert _rivals(best, tried, FIRST, JUDGE) == ("line_delay",)
+    assert rivals(best, tried) == ("line_delay",)
 
 
 def test_beside_an_effect_that_leaves_noise_alone_a_rival_must_leave_noise_alone():
     tried = [(score("valve_lag", 800.0), stub(1.02, 26_333.0)), (score("channel_skew", 790.0), stub(1.4, 26_343.0))]
-    assert _rivals(tried[0], tried, FIRST, JUDGE) == ()
+    assert rivals(tried[0], tried) == ()
     # where the best one leaves more than noise, a lead of that size is an accident
     tried = [(score("valve_lag", 800.0), stub(4.0, 26_333.0)), (score("channel_skew", 790.0), stub(4.4, 26_343.0))]
-    assert _rivals(tried[0], tried, FIRST, JUDGE) == ("channel_skew",)
+    assert rivals(tried[0], tried) == ("channel_skew",)
 
 
 @pytest.mark.parametrize(("dahl", "named"), [(1.02, "law:dahl"), (3.0, "law:lugre")])
@@ -74,10 +79,20 @@ def test_of_friction_laws_that_explain_as_much_the_plainest_is_named(dahl, named
         trial = stub(error, 26_333.0, name)
         trial.fit.plant = SimpleNamespace(parameters=[None] * parameters)
         tried.append((Score(effect, 900.0, 0.03, 1, {}, ()), trial))
-    chosen = walk._plainest(tried[0], tried, FIRST, JUDGE)
+    chosen = walking()._plainest(tried[0], tried)
     assert chosen[0].effect.name == named
     # an effect that is no law stays a rival, a law that contains the named one does not
-    assert _rivals(chosen, tried, FIRST, JUDGE) == ("friction_presliding_memory",)
+    assert rivals(chosen, tried) == ("friction_presliding_memory",)
+
+
+@pytest.mark.parametrize(("constant", "named", "beside"), [(26_334.0, "gravity", ()), (26_600.0, "load_spring", ("gravity",))])
+def test_a_spring_that_is_no_better_than_a_constant_force_is_one(constant, named, beside):
+    tried = [(score("load_spring", 900.0), stub(1.0, 26_333.0)), (score("gravity", 890.0), stub(1.01, constant))]
+    for parameters, (_, trial) in zip((8, 7), tried, strict=True):
+        trial.fit.plant = SimpleNamespace(parameters=[None] * parameters)
+    chosen = walking()._plainest(tried[0], tried)
+    assert chosen[0].effect.name == named
+    assert rivals(chosen, tried) == beside
 
 
 def test_a_candidate_that_made_things_worse_stays_where_screening_put_it():
@@ -189,7 +204,7 @@ def _joined(monkeypatch, ends, tried=ALONE, alone=None):
         trial=lambda made, added: named_stub(*made, added),
     )
     refitter = Making(**ends)
-    found = together.joined(base, base, tried, alone, judge, refitter, [], False, lambda _: None)
+    found = together.joined(base, base, tried, alone, judge, refitter, [], lambda _: None)
     return found, refitter.asked
 
 

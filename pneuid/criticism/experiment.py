@@ -135,7 +135,7 @@ def for_verdict(
     present = {effect.name for effect in verdict.best.plant.effects}
     most = MOST_RIVALS[base.plant.rig.kind]
     effects = [catalogue[name] for name in diagnosis.effects[:most] if not catalogue[name].richer_law]
-    starts = {score.effect.name: score.start for score in screen(base, effects, order)}
+    starts = {score.effect.name: score.whole_start for score in screen(base, effects, order)}
     asked = [Asked(effect, starts.get(effect.name, {})) for effect in effects if effect.name not in present]
     made = {one.effect.name: fitted() for one, fitted in (refitter or Refitter(order)).each(base, asked)}
     fits = [made.get(effect.name, verdict.best) for effect in effects]

@@ -60,7 +60,7 @@ def _jumps(
         best = Jump(0.0, dict(size))
         for part in JUMPS:
             moved = {item.name: batch.off[item.name] + part * (size[item.name] - batch.off[item.name]) for item in items}
-            moved = {item.name: float(np.clip(moved[item.name], item.lower, item.upper)) for item in items}
+            moved = dict(size) | {item.name: float(np.clip(moved[item.name], item.lower, item.upper)) for item in items}
             change = batch.change(moved, batch.followed(moved) if effect.states else batch.nodes)
             if np.all(np.isfinite(change)) and np.any(change):
                 drop = _drop_along(fitted, change)

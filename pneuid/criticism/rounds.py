@@ -71,23 +71,25 @@ Tried = list[tuple[Score, Trial]]
 
 
 def refitted(
-    current: Trial, first: Trial, scores: Sequence[Score], judge: Judge, refitter: Refitter, say: Say
-) -> Tried:
+    current: Trial, first: Trial, scores: Sequence[Score], judge: Judge, refitter: Refitter, say: Say,
+    least: float = LEAST_DROP,
+) -> Tried:  # fmt: skip
     """Trials with the leading effects and their group mates added to the current model, best predicted first.
 
-    ``first`` is the base model's trial. What comes after the runner-up is spared where one before explains all there is.
+    ``first`` is the base model's trial; ``least`` the predicted drop below which an effect is not refitted in the first round.
+    What comes after the runner-up is spared where one before explains all there is.
     """
     newly = current.added is None
     before, now = costs(first, current)
     cost = current.fit.relaxed_cost
     worth = max(min(LEAST_PART * (before - now), CLEAR_DROP * cost), WORTH_ADDING * cost)
-    least = LEAST_DROP if newly else max(LEAST_DROP, worth)
-    chosen = list(_shortlist(scores, REFITS if newly else LATER_REFITS, least))
+    worthy = least if newly else max(least, worth)
+    chosen = list(_shortlist(scores, REFITS if newly else LATER_REFITS, worthy))
     if not chosen:
         return []
     leader = scores[0]
     related = {leader.effect.name, *leader.group}
-    asked = [Asked(one.effect, one.start, one.gain, newly and one.effect.name in related) for one in chosen]
+    asked = [Asked(one.effect, one.whole_start, one.gain, newly and one.effect.name in related) for one in chosen]
     tried: Tried = []
     for score, (_, make) in zip(chosen, refitter.each(current.fit, asked), strict=True):
         minor = score.effect.name not in related and score.drop < CLOSE * leader.drop
@@ -104,7 +106,7 @@ def _with_break_away(trial: Trial, current: Trial, score: Score, judge: Judge, r
     """The trial, or where it does not help one that reads break-away anew, which so far excused what the effect does."""
     if _helps(trial, current):
         return trial
-    again = Asked(score.effect, score.start, score.gain, way=1.0, anew=True)
+    again = Asked(score.effect, score.whole_start, score.gain, way=1.0, anew=True)
     (_, make), *_ = refitter.each(current.fit, [again])
     other = _tried(current, score, make, judge, say)
     return other if other.error < trial.error else trial
@@ -153,11 +155,8 @@ def second_looks(
     return list(looked.values())
 
 
-def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge, doubtful: bool) -> tuple[Score, Trial] | None:
-    """The trial to accept, None where none qualifies.
-
-    doubtful : open parameters could explain the held-out error as well; then an effect must leave noise alone on training runs.
-    """
+def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[Score, Trial] | None:
+    """The trial to accept, None where none qualifies."""
     excess, original = current.error - 1.0, first.error - 1.0
     good = []
     for score, trial in tried:
@@ -169,8 +168,7 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge, doubtful:
         share = fall / original >= LEAST_SHARE or part >= CLEAR_SHARE or told
         nearly = part >= NEARLY_ALL and drop >= CLEAR_DROP * now
         least = LEAST_DROP if nearly else max(LEAST_DROP, LEAST_PART * (before - now))
-        shown = judge.learned(trial) or not doubtful
-        if excess > 0 and fall > 3 * judge.spread and share and drop > least and shown and _inside_bounds(score, trial):
+        if excess > 0 and fall > 3 * judge.spread and share and drop > least and inside_bounds(score, trial):
             good.append((score, trial))
     return min(good, key=lambda item: item[1].error) if good else None
 
@@ -246,9 +244,9 @@ def settled(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
 
 
 def _typical_start(current: Trial, score: Score) -> dict[str, float]:
-    """Screened start values, amplitudes raised to a typical size; each keeps its sign."""
+    """Screened start values, amplitudes raised to a typical size; each keeps its sign, shapes what they are."""
     plant = current.fit.plant
-    found = {}
+    found = dict(score.shapes)
     for item in score.effect.parameters(plant.rig, plant.law):
         if item.off is not None:
             moved = score.start.get(item.name, item.off) - item.off
@@ -257,7 +255,7 @@ def _typical_start(current: Trial, score: Score) -> dict[str, float]:
     return found
 
 
-def _inside_bounds(score: Score, trial: Trial) -> bool:
+def inside_bounds(score: Score, trial: Trial) -> bool:
     """At least one amplitude of the effect has left its off-value, and none but shapes lies on a bound.
 
     A richer friction law has no amplitude that could be zero: its parameters are those of the model it makes.

@@ -10,7 +10,7 @@ of the time that derivatives by every effect of the catalogue take.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -43,7 +43,10 @@ within 1e-6, rounding disturbs it by 1e-4 of a sensor's noise at this step."""
 
 @dataclass(frozen=True)
 class Score:
-    """Predicted gain of one effect: drop of half the sum of squares, degrees of freedom, start values for a refit (SI)."""
+    """Predicted gain of one effect: drop of half the sum of squares, degrees of freedom, amplitudes for a refit (SI).
+
+    shapes : those of its shapes (SI) that should start elsewhere than usual.
+    """
 
     effect: Effect
     drop: float
@@ -51,6 +54,12 @@ class Score:
     freedom: int
     start: dict[str, float]
     group: tuple[str, ...]
+    shapes: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def whole_start(self) -> dict[str, float]:
+        """Where a refit starts: amplitudes and shapes."""
+        return {**self.start, **self.shapes}
 
 
 @dataclass(frozen=True)
@@ -65,6 +74,7 @@ class Change:
     start: dict[str, float]
     raw: np.ndarray
     base: np.ndarray
+    shapes: Mapping[str, float] = field(default_factory=dict)
 
 
 def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list[Score]:
@@ -85,7 +95,7 @@ def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list
     groups = _groups(fitted, changes)
     found = [
         Score(change.effect, change.drop, float(change.drop / max(fit.relaxed_cost, 1e-12)), len(change.start),
-              change.start, groups[change.effect.name])
+              change.start, groups[change.effect.name], change.shapes)
         for change in changes
     ]  # fmt: skip
     return sorted(found, key=lambda score: -score.drop)
@@ -184,32 +194,69 @@ def _amplitudes(plant: Plant, effect: Effect) -> list[Parameter]:
 
 
 def _screened(fitted: Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> list[Change]:
-    """Predicted changes by the effects of one batch."""
+    """Predicted changes by the effects of one batch; by one that promises nothing, also at other values of its shapes."""
     batch = Batch(fitted, chosen, order)
-    plant, amplitudes = batch.plant, batch.amplitudes
-    scaling = Scaling(amplitudes)
-    at = scaling.to_q(np.array(list(batch.off.values())))
-    columns = np.empty((batch.before.size, len(amplitudes)))
-    for j, item in enumerate(amplitudes):
-        q = at.copy()
-        q[j] += STEP
-        columns[:, j] = batch.change({item.name: float(scaling.to_values(q)[j])}, batch.nodes) / STEP
-    cross = fitted.cross(columns)
-    prior = np.array([_prior(item) for item in amplitudes])
-    solved = fitted.solver.solve(cross)
-    # orthogonal to the fitted parameters and nodes
-    M = columns.T @ columns - cross.T @ solved + np.diag(prior[:, 0] ** 2)
-    g = columns.T @ fitted.residual - solved.T @ fitted.gradient + prior[:, 0] ** 2 * (at - prior[:, 1])
-    found = []
+    every, found = _Columns(batch, batch.amplitudes), []
     for effect in chosen:
-        rows = [j for j, item in enumerate(amplitudes) if item.name in plant.own_parameters(effect.name)]
-        step = _best_step(M[np.ix_(rows, rows)], g[rows], (scaling.lower - at)[rows], (scaling.upper - at)[rows])
-        q = at.copy()
-        q[rows] = np.clip(at[rows] + step, scaling.lower[rows], scaling.upper[rows])
-        start = {amplitudes[j].name: float(scaling.to_values(q)[j]) for j in rows}
-        drop = float(max(0.0, -(g[rows] @ step + 0.5 * step @ M[np.ix_(rows, rows)] @ step)))
-        found.append(Change(effect, drop, start, columns[:, rows] @ step, cross[:, rows] @ step))
+        best = every.change(effect)
+        if best.drop < TELLABLE:
+            shaped = [_Columns(batch, batch.of(effect), shapes) for shapes in _shapes(batch.plant, effect)]
+            others = [columns.change(effect) for columns in shaped]
+            best = max([best, *(one for one in others if one.drop > TELLABLE)], key=lambda change: change.drop)
+        found.append(best)
     return found
+
+
+def _shapes(plant: Plant, effect: Effect) -> Iterator[dict[str, float]]:
+    """Values (SI) of an effect's shapes one prior deviation off, one at a time.
+
+    A spring that only pulls promises nothing where it would have to push: it takes another position without force.
+    """
+    for item in effect.parameters(plant.rig, plant.law):
+        if item.off is None and item.prior is not None:
+            for sign in (-1.0, 1.0):
+                value = item.start * np.exp(sign * item.prior) if item.positive else item.start + sign * item.prior
+                yield {item.name: float(np.clip(value, item.lower, item.upper))}
+
+
+class _Columns:
+    """What amplitudes ``items`` of a batch do to the residuals at first order, orthogonal to the fitted variables.
+
+    ``shapes`` are values (SI) that differ from the start's.
+    """
+
+    def __init__(self, batch: Batch, items: Sequence[Parameter], shapes: Mapping[str, float] | None = None) -> None:
+        self.shapes = shapes = dict(shapes or {})
+        fitted, self.plant, self.items = batch.fitted, batch.plant, list(items)
+        self.scaling = Scaling(self.items)
+        self.at = self.scaling.to_q(np.array([batch.off[item.name] for item in self.items]))
+        nodes = batch.followed(shapes) if shapes and batch.plant.effect_states else batch.nodes
+        self.raw = np.empty((batch.before.size, len(self.items)))
+        for j, item in enumerate(self.items):
+            q = self.at.copy()
+            q[j] += STEP
+            moved = {item.name: float(self.scaling.to_values(q)[j])}
+            self.raw[:, j] = batch.change(shapes | moved, nodes) / STEP
+        self.base = fitted.cross(self.raw)
+        prior = np.array([_prior(item) for item in self.items]).reshape(-1, 2)
+        solved = fitted.solver.solve(self.base)
+        self.matrix = self.raw.T @ self.raw - self.base.T @ solved + np.diag(prior[:, 0] ** 2)
+        pull = prior[:, 0] ** 2 * (self.at - prior[:, 1])
+        self.slope = self.raw.T @ fitted.residual - solved.T @ fitted.gradient + pull
+
+    def change(self, effect: Effect) -> Change:
+        """The change by the best step of one effect's amplitudes."""
+        own = self.plant.own_parameters(effect.name)
+        rows = [j for j, item in enumerate(self.items) if item.name in own]
+        low, high, at = self.scaling.lower[rows], self.scaling.upper[rows], self.at[rows]
+        M, g = self.matrix[np.ix_(rows, rows)], self.slope[rows]
+        step = _best_step(M, g, low - at, high - at)
+        q = self.at.copy()
+        q[rows] = np.clip(at + step, low, high)
+        values = self.scaling.to_values(q)
+        start = {self.items[j].name: float(values[j]) for j in rows}
+        drop = float(max(0.0, -(g @ step + 0.5 * step @ M @ step)))
+        return Change(effect, drop, start, self.raw[:, rows] @ step, self.base[:, rows] @ step, self.shapes)
 
 
 class Batch:
@@ -226,6 +273,11 @@ class Batch:
         self.nodes = self.followed({})
         self._run = fitted.runner(self.plant)
         self.before = fitted.response(self._run, self.plant, self.nodes, self.values)
+
+    def of(self, effect: Effect) -> list[Parameter]:
+        """The amplitudes of one effect."""
+        own = self.plant.own_parameters(effect.name)
+        return [item for item in self.amplitudes if item.name in own]
 
     def followed(self, moved: Mapping[str, float]) -> np.ndarray:
         """Nodes ``(ns, nint)`` with the effects' own states as they come out with the values ``moved``."""

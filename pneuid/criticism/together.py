@@ -53,11 +53,11 @@ class Joined:
 
 def joined(
     current: Trial, original: Trial, tried: Tried, alone: tuple[Score, Trial] | None, judge: Judge, refitter: Refitter,
-    candidates: Sequence[Effect], doubtful: bool, say: Say,
+    candidates: Sequence[Effect], say: Say,
 ) -> Joined | None:  # fmt: skip
     """Two effects that explain at once what none alone does, else None.
 
-    original : the base model's trial; alone : the effect to be accepted otherwise; doubtful : as in ``rounds.accepted``.
+    original : the base model's trial; alone : the effect to be accepted otherwise.
     """
     found = together(current, tried, judge, refitter, candidates, say)
     if found is None:
@@ -68,7 +68,7 @@ def joined(
     firsts[0] = score, settled(trial, judge, refitter, say)
     least = min(item.error for item in (current, *([judge.judged(alone[1])] if alone else [])))
     enough = firsts[0][1].error - 1.0 < ONE_OF_TWO * (least - 1.0)
-    if not enough or accepted(firsts[:1], current, original, judge, doubtful) is None:
+    if not enough or accepted(firsts[:1], current, original, judge) is None:
         return None
     return Joined(second, firsts, judge, current, original)
 
@@ -89,7 +89,7 @@ def together(
     worth = [score for score in scores if score.drop > max(LEAST_DROP, WORTH_ADDING * trial.fit.relaxed_cost)]
     say(f"{name} fits far better and leaves much of the prediction; looking for a second effect that hides it")
     beside = [score for score in worth if not score.effect.richer_law][:SECONDS]
-    asked = [Asked(score.effect, score.start, score.gain) for score in beside]
+    asked = [Asked(score.effect, score.whole_start, score.gain) for score in beside]
     pairs = []
     for second, (_, make) in zip(beside, refitter.each(trial.fit, asked), strict=True):
         pairs.append((second, judge.trial(make(), f"{name}, {second.effect.name}")))
@@ -99,7 +99,7 @@ def together(
     second, best = min(pairs, key=lambda pair: pair[1].error)
     found = [(alone, best)]
     known = {**best.fit.problem.values, **best.fit.relaxed_values}
-    start = {part: known[part] for part in second.start}
+    start = {part: known[part] for part in second.whole_start}
     for score, other in firsts[1:]:
         if score.effect.name == second.effect.name:
             continue

@@ -25,19 +25,18 @@ from pneuid.criticism.rounds import (
     settled,
 )
 from pneuid.criticism.screening import Score, screen
+from pneuid.criticism.shown import FAINT_DROP, SHOWN_DROP, SURE, TELLING, shown
 from pneuid.criticism.together import Joined, joined
 from pneuid.criticism.trial import Judge, Trial
 from pneuid.effect import Effect
 
-TELLING = 0.03
-"""Share of the held-out excess, or of the gain on the training runs, by which the better of two effects must lead
-to be told from the other: the error 200 ms ahead has heavy tails, at break-away, that make smaller leads accidental."""
-
-SURE = 5.0
-"""Half the sum of squares by which it must lead on the training runs at least: 3 standard deviations."""
-
 DEFECT_RATIO = 1.5
 """Defect of a balance over what noise alone leaves, below which nothing unknown can be named in any equation."""
+
+SHOWN = (
+    "{} is what the training runs show by themselves: their cost falls by {:.0f}, where nothing is missing by {:.0f} at most; "
+    "the held-out runs cannot judge it, so hold out a run like the training runs"
+)
 
 BETTER_START = (
     "the model that stood before fits better from another start ({:.2f} -> {:.2f} floors); all is measured against that"
@@ -49,7 +48,8 @@ class Walk:
     """Where the diagnosis stands.
 
     current, first : trials of the standing model and of the base; named : effects accepted so far; ambiguous : by the name
-    of an accepted effect, those that explain as much; moved : what was said of better starts.
+    of an accepted effect, those that explain as much; moved : what was said of better starts, and of what training shows;
+    doubtful : whether noise and open parameters explain the held-out error of the standing model.
     """
 
     judge: Judge
@@ -63,24 +63,25 @@ class Walk:
     named: list[str] = field(default_factory=list)
     ambiguous: dict[str, tuple[str, ...]] = field(default_factory=dict)
     moved: list[str] = field(default_factory=list)
+    doubtful: bool = False
 
     def step(self) -> bool:
         """One round; False where there is nothing more to gain."""
-        adequate = self.judge.explains(self.current)
-        if self.named and adequate:
+        self.doubtful = self.judge.explains(self.current)
+        if self.named and self.doubtful:
             return False
         candidates = list(self.catalogue.values())
         scores = list(screen(self.current.fit, candidates, list(self.catalogue)))
         for score in scores:
             self.ranking.setdefault(score.effect.name, _screened(score))
         self.say(_leading(scores))
-        if adequate and (self.current.error - 1.0 < self.judge.small or self.judge.learned(self.current)):
+        quiet = self.current.error - 1.0 < self.judge.small
+        least = LEAST_DROP if not self.doubtful else SHOWN_DROP if quiet else FAINT_DROP
+        if self.doubtful and (quiet or self.judge.learned(self.current)) and not any(one.drop > least for one in scores):
             return False  # the ranking is for the report
-        tried, chosen = self._round(scores, adequate)
-        if self.current.added is None and leaves_much(chosen, self.current):
-            both = joined(
-                self.current, self.first, tried, chosen, self.judge, self.refitter, candidates, adequate, self.say
-            )
+        tried, chosen = self._round(scores, least)
+        if self.current.added is None and not self.doubtful and leaves_much(chosen, self.current):
+            both = joined(self.current, self.first, tried, chosen, self.judge, self.refitter, candidates, self.say)
             if both is not None:
                 self._take_both(both, tried)
                 return True
@@ -98,22 +99,35 @@ class Walk:
                 self.named = [other for other in self.named if other != name]
                 self.current = smaller
 
-    def _round(self, scores: Sequence[Score], adequate: bool) -> tuple[Tried, tuple[Score, Trial] | None]:
+    def _round(self, scores: Sequence[Score], least: float) -> tuple[Tried, tuple[Score, Trial] | None]:
         """Trials of one round and the one to accept, if any, all by the floor of the best model so far."""
-        tried = self._by_one_floor(refitted(self.current, self.first, scores, self.judge, self.refitter, self.say))
-        chosen = accepted(tried, self.current, self.first, self.judge, adequate)
-        if self.current.added is None and leaves_much(chosen, self.current) and loudest(self.current) > DEFECT_RATIO:
+        made = refitted(self.current, self.first, scores, self.judge, self.refitter, self.say, least)
+        tried = self._by_one_floor(made)
+        chosen = self._best(tried)
+        if self._needs_second_looks(chosen):
             looked = second_looks(self.current, scores, tried, self.judge, self.refitter, self.say)
             tried = self._by_one_floor(looked)
-            chosen = accepted(tried, self.current, self.first, self.judge, adequate)
+            chosen = self._best(tried)
         known: set[str] = set()
         while chosen is not None and chosen[0].effect.name not in known:
             # what fits the training runs better may predict worse; then another is the best, or none
             known.add(chosen[0].effect.name)
             better = settled(chosen[1], self.judge, self.refitter, self.say)
             tried = [(score, better if score is chosen[0] else trial) for score, trial in tried]
-            chosen = accepted(tried, self.current, self.first, self.judge, adequate)
+            chosen = self._best(tried)
         return tried, chosen
+
+    def _best(self, tried: Tried) -> tuple[Score, Trial] | None:
+        """The trial to accept, if any: what the held-out runs say, or the training runs where those cannot judge."""
+        if self.doubtful:
+            return next(iter(shown(tried, self.current, self.judge)), None)
+        return accepted(tried, self.current, self.first, self.judge)
+
+    def _needs_second_looks(self, chosen: tuple[Score, Trial] | None) -> bool:
+        """Whether much is left that the leading effects do not explain."""
+        untold = chosen is None and not self.judge.learned(self.current)
+        wanting = untold if self.doubtful else leaves_much(chosen, self.current)
+        return self.current.added is None and wanting and loudest(self.current) > DEFECT_RATIO
 
     def _by_one_floor(self, tried: Tried) -> Tried:
         self.judge, self.current, self.first, tried = same_floor(self.judge, self.current, self.first, tried)
@@ -129,7 +143,7 @@ class Walk:
         for score, trial in tried:
             _record(self.ranking, score, trial, self.current, self.first, keep=bool(self.named))
         if chosen is not None and smaller is None:
-            chosen = _plainest(chosen, tried, self.current, self.judge)
+            chosen = self._plainest(chosen, tried)
         self.rungs += [
             self.rung(trial, False) for _, trial in tried if chosen is None or trial.added != chosen[1].added
         ]
@@ -138,7 +152,8 @@ class Walk:
         if smaller is not None:
             own = self.rung(smaller, True)
             self.rungs = [*self.rungs, own] if self.named else [own, *self.rungs[1:]]
-            if accepted([chosen], self.current, self.first, self.judge, self.judge.explains(self.current)) is None:
+            self.doubtful = self.judge.explains(self.current)
+            if self._best([chosen]) is None:
                 self.rungs.append(self.rung(chosen[1], False))
                 return True
         self._accept([chosen[0].effect.name], chosen, tried)
@@ -156,10 +171,25 @@ class Walk:
         trial = chosen[1]
         self.rungs.append(self.rung(trial, True))
         self.named += names
-        self.ambiguous[names[0]] = _rivals(chosen, tried, self.current, self.judge)
+        if self.doubtful:
+            now, after = costs(self.current, trial)
+            self.moved.append(SHOWN.format(names[0], now - after, LEAST_DROP))
+        self.ambiguous[names[0]] = tuple(score.effect.name for score, _ in self._rivals(chosen, tried))
         errors = f"{np.sqrt(self.current.error):.1f} -> {np.sqrt(trial.error):.1f}"
         self.say(f"{' and '.join(names)} accepted: held-out error {errors} floors without the worst tenth")
         self.current = trial
+
+    def _rivals(self, chosen: tuple[Score, Trial], tried: Tried) -> Tried:
+        """Other effects that explain as much as the chosen one; a friction law that contains it is none."""
+        by_training = self.doubtful
+        found = shown(tried, self.current, self.judge) if by_training else _alike(chosen, tried, self.current, self.judge)
+        others = [pair for pair in found if pair[0] is not chosen[0]]
+        return [pair for pair in others if not _contains(pair, chosen, self.current)]
+
+    def _plainest(self, chosen: tuple[Score, Trial], tried: Tried) -> tuple[Score, Trial]:
+        """The chosen effect, or what it is in a limit where it gains nothing by being more."""
+        plainer = [pair for pair in self._rivals(chosen, tried) if _contains(chosen, pair, self.current)]
+        return min(plainer, key=lambda pair: len(pair[1].fit.plant.parameters), default=chosen)
 
     def rung(self, trial: Trial, accepted: bool) -> Rung:
         """The trial as a rung of the ladder."""
@@ -217,8 +247,8 @@ def _record(
     )  # fmt: skip
 
 
-def _rivals(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge) -> tuple[str, ...]:
-    """Other effects that explain the held-out runs and the training runs about as well as the chosen one.
+def _alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge) -> Tried:
+    """Effects that explain the held-out runs and the training runs about as well as the chosen one.
 
     Where that one leaves noise alone, so must they.
     """
@@ -231,20 +261,15 @@ def _rivals(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Ju
         ahead = ahead and (trial.error - 1.0 < judge.small or not clean)
         return ahead and other - best < max(TELLING * (before - best), SURE)
 
-    return tuple(
-        score.effect.name for score, trial in tried
-        if score is not chosen[0] and alike(trial) and not _contains((score, trial), chosen)
-    )  # fmt: skip
+    return [pair for pair in tried if alike(pair[1])]
 
 
-def _contains(one: tuple[Score, Trial], other: tuple[Score, Trial]) -> bool:
-    """Whether both are friction laws and the first has more parameters: it explains whatever the second one does."""
-    laws = one[0].effect.richer_law and other[0].effect.richer_law
-    return bool(laws) and len(one[1].fit.plant.parameters) > len(other[1].fit.plant.parameters)
+def _contains(one: tuple[Score, Trial], other: tuple[Score, Trial], current: Trial) -> bool:
+    """Whether the first effect is the second one in a limit, and gains nothing by being more.
 
-
-def _plainest(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge) -> tuple[Score, Trial]:
-    """The chosen effect; of friction laws that explain as much the one with the fewest parameters."""
-    alike = _rivals(chosen, tried, current, judge)
-    plainer = [pair for pair in tried if pair[0].effect.name in alike and _contains(chosen, pair)]
-    return min(plainer, key=lambda pair: len(pair[1].fit.plant.parameters), default=chosen)
+    Of two friction laws the one with more parameters explains whatever the other one does.
+    """
+    if one[0].effect.richer_law and other[0].effect.richer_law:
+        return len(one[1].fit.plant.parameters) > len(other[1].fit.plant.parameters)
+    _, cost, plain = costs(current, one[1], other[1])
+    return other[0].effect.name in one[0].effect.contains and plain - cost < SURE

@@ -15,6 +15,7 @@ _LONGEST = 3.0
 class LoadSpring(Effect):
     """A force ``k (x - x_free)`` against +x.
 
+    Far from its force-free position it is a constant force.
     Typical: return springs pull with 5 to 10 % of the force at 6 bar, hoses and cables with 10 to 200 N/m.
     """
 
@@ -24,6 +25,7 @@ class LoadSpring(Effect):
     reference = _SOURCE
     experiment = "slow strokes over the whole travel in both directions"
     confused_with = ("gravity", "friction_position")
+    contains = ("gravity", "sensor_offset_F", "sensor_offset_p1", "sensor_offset_p2")
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """Stiffness, and the position without force: midway until data say otherwise."""
