@@ -176,23 +176,23 @@ def followed_effects(
 ) -> tuple[np.ndarray, np.ndarray]:
     """States ``(ne, N)`` that the effects bring, followed along the measured trajectory from their initial values, and how
     fast they forget ``(ne, N)``, 1/s; ``z`` (N,) is the bristle's deflection in m."""
-    s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
-    theta = ca.SX.sym("theta", len(plant.theta_names))
-    relaxing = plant.evaluate(s, w, theta).relaxing[1:]
-    rates = ca.Function("rates", [s, w, theta], [ca.vertcat(*(item[0] for item in relaxing)),
-                                                 ca.vertcat(*(item[1] for item in relaxing))])  # fmt: skip
-    given = np.vstack([run.input(name) for name in plant.inputs])
-    column = plant.theta(values, _OPEN_RANGES, run.own.mass)
+    count = len(plant.states) - len(plant.effect_states)
+    core, own = ca.SX.sym("core", count), ca.SX.sym("own", len(plant.effect_states))
+    w, theta, step = ca.SX.sym("w", len(plant.inputs)), ca.SX.sym("theta", len(plant.theta_names)), ca.SX.sym("step")
+    relaxing = plant.evaluate(ca.vertcat(core, own), w, theta).relaxing[1:]
+    decay = ca.vertcat(*(item[1] for item in relaxing))
+    settled = ca.vertcat(*(item[0] for item in relaxing)) / decay
+    after = settled + (own - settled) * ca.exp(-decay * step)
+    # sample by sample: a state may hold on or let go depending on where it is itself
+    along = ca.Function("followed", [own, core, w, theta, step], [after, decay]).mapaccum(run.n)
     known = {"x": motion.x, "v": motion.v, "z": z}
     known |= {name: _averaged(run.measured(name)) for name in ("p1", "p2") if name in plant.outputs}
-    core = [known.get(name, np.zeros(run.n)) for name in plant.states[: len(plant.states) - len(plant.effect_states)]]
-    found = np.array([np.full(run.n, state.initial) for state in plant.effect_states])
-    for _ in range(2):  # a target may depend on the state itself: once along the initial value, once along the result
-        source, decay = (np.asarray(item) for item in rates(np.vstack([*core, *found]), given, column[:, None]))
-        forget, settled = np.exp(-decay * run.data[0]), source / decay
-        for k in range(run.n - 1):
-            found[:, k + 1] = settled[:, k] + (found[:, k] - settled[:, k]) * forget[:, k]
-    return found, decay
+    given = np.vstack([run.input(name) for name in plant.inputs])
+    column = np.repeat(plant.theta(values, _OPEN_RANGES, run.own.mass)[:, None], run.n, axis=1)
+    first = np.array([state.initial for state in plant.effect_states])
+    signals = np.vstack([known.get(name, np.zeros(run.n)) for name in plant.states[:count]])
+    moved, decays = (np.asarray(item) for item in along(first, signals, given, column, run.data[0]))
+    return np.hstack([first[:, None], moved[:, :-1]]), decays
 
 
 def _averaged(y: np.ndarray) -> np.ndarray:
