@@ -423,8 +423,10 @@ REACHES = {
 
 BESIDE = {
     "channel_skew": {"shown_x", "shown_p2"}, "sensor_offset_p1": {"shown_F"}, "sensor_offset_p2": {"shown_F"},
+    "end_cushion": {"force"},
 }  # fmt: skip
-"""What an effect changes besides: one cause in three sensors; on a bench the force that belongs to the pressures shown."""
+"""What an effect changes besides: one cause in three sensors; on a bench the force that belongs to the pressures shown; the
+trapped air of a cushion pushes too."""
 
 
 def check_enters_where_it_says(case: Case) -> None:
