@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_smoothing_spline
+from scipy.linalg import solveh_banded
 
 SEARCHED = 1500
 """Samples on which the amount of smoothing is sought."""
@@ -24,8 +24,31 @@ class Motion:
     bandwidth: float
 
 
-def _residual(t: np.ndarray, x: np.ndarray, lam: float) -> float:
-    return float(np.sqrt(np.mean((make_smoothing_spline(t, x, lam=lam)(t) - x) ** 2)))
+def _smoothed(s: np.ndarray, x: np.ndarray, lam: float) -> tuple[np.ndarray, np.ndarray]:
+    """Values and second derivatives (N,) at its knots ``s`` of the natural cubic spline that minimises the sum of squares to
+    ``x`` plus ``lam`` times the integral of the squared second derivative; Reinsch (1967), eq. (9) to (14)."""
+    step = np.diff(s)
+    left, right = 1.0 / step[:-1], 1.0 / step[1:]
+    middle = -left - right
+    band = np.zeros((3, s.size - 2))
+    band[2] = (step[:-1] + step[1:]) / 3.0 + lam * (left**2 + middle**2 + right**2)
+    band[1, 1:] = step[1:-1] / 6.0 + lam * (right[:-1] * middle[1:] + middle[:-1] * left[1:])
+    band[0, 2:] = lam * right[:-2] * left[2:]
+    second = np.zeros(s.size)
+    second[1:-1] = solveh_banded(band, np.diff(np.diff(x) / step), check_finite=False)
+    return x - lam * np.diff(np.diff(second, prepend=0.0, append=0.0) / np.pad(step, 1, mode="edge")), second
+
+
+def _slopes(s: np.ndarray, value: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """First derivatives (N,) at the knots of the cubic spline with these values and second derivatives."""
+    step = np.diff(s)
+    chord = np.diff(value) / step
+    last = chord[-1] + step[-1] * (second[-2] + 2.0 * second[-1]) / 6.0
+    return np.append(chord - step * (2.0 * second[:-1] + second[1:]) / 6.0, last)
+
+
+def _residual(s: np.ndarray, x: np.ndarray, lam: float) -> float:
+    return float(np.sqrt(np.mean((_smoothed(s, x, lam)[0] - x) ** 2)))
 
 
 def _liveliest(s: np.ndarray, x: np.ndarray) -> slice:
@@ -58,6 +81,6 @@ def spline_motion(t: np.ndarray, x: np.ndarray, noise: float) -> Motion:
             break
         low, high = (middle, high) if residual < noise else (low, middle)
     lam = 10 ** (0.5 * (low + high))
-    spline = make_smoothing_spline(s, x, lam=lam)
-    first, second = spline.derivative(1), spline.derivative(2)
-    return Motion(spline(s), first(s) / step, second(s) / step**2, float(1 / (2 * np.pi * step * lam**0.25)))
+    value, second = _smoothed(s, x, lam)
+    bandwidth = float(1 / (2 * np.pi * step * lam**0.25))
+    return Motion(value, _slopes(s, value, second) / step, second / step**2, bandwidth)
