@@ -16,6 +16,7 @@ from pneuid.estimation.first_guess import first_nodes, follows_state
 from pneuid.estimation.preparation import data_ranges, noise_of, prepare
 from pneuid.estimation.shooting import Shooting, relaxed_smoothing
 from pneuid.estimation.solver import INTERRUPTED
+from pneuid.estimation.task import Task
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.rig import Rig
@@ -122,8 +123,8 @@ def test_the_bristle_is_read_again_while_that_helps(ends, taken, tried, monkeypa
         end = next(later)
         return end, end
 
-    monkeypatch.setattr(fitting, "_relaxed_fit", relaxed)
+    monkeypatch.setattr(fitting, "relaxed_fit", relaxed)
     monkeypatch.setattr(fitting, "values_at", lambda problem, _X: {"Fc": problem.loose_cost})
-    _, soft = fitting._reread(fitting._Task(plant, [], (), {}, None), (first, first))
+    _, soft = fitting._reread(Task(plant, [], (), {}, None), (first, first))
     assert soft.loose_cost == taken
     assert asked == [{"Fc": end.loose_cost} for end in ends[:tried]]

@@ -8,8 +8,9 @@ import pytest
 
 from pneuid.estimation import fit as fitting
 from pneuid.estimation.first_guess import BREAK_AWAY
-from pneuid.estimation.stages import Relaxed
+from pneuid.estimation.stages import End, Relaxed
 from pneuid.estimation.starts import from_near, softer
+from pneuid.estimation.task import Task
 
 GUESS = {"Fc": 10.0, "Fs": 15.0, "vs": 0.01, "sigma0": 4e5, "sigma1": 200.0}
 FOUND = {"Fc": 9.0, "Fs": 20.0, "vs": 0.03, "sigma0": 1e5, "sigma1": 90.0}
@@ -20,9 +21,8 @@ class _Ends:
 
     def __init__(self, monkeypatch, *costs: float, near: bool = False) -> None:
         self.costs, self.asked, self.near = list(costs), [], near
-        monkeypatch.setattr(fitting, "_relaxed_fit", self.made)
-        monkeypatch.setattr(fitting, "first_guess", lambda *_: GUESS)
-        monkeypatch.setattr(fitting, "motions", lambda *_: [])
+        monkeypatch.setattr(fitting, "relaxed_fit", self.made)
+        monkeypatch.setattr(Task, "guess", lambda _: GUESS)
         monkeypatch.setattr(fitting, "values_at", lambda *_: dict(FOUND))
 
     def made(self, *given):
@@ -35,7 +35,7 @@ class _Ends:
 
 
 PLANT = SimpleNamespace(law=SimpleNamespace(static=False), rig=SimpleNamespace(mass=1.0))
-TASK = fitting._Task(PLANT, [], (), {}, None)
+TASK = Task(PLANT, [], (), {}, None)
 
 
 def _doubted(ends: _Ends, cost: float):
@@ -76,7 +76,7 @@ def test_the_exact_stage_is_spared_where_another_start_ended_no_better(monkeypat
     ends, tried = _Ends(monkeypatch, 998.0, 700.0, near=True), []
     monkeypatch.setattr(fitting, "_reread", lambda _task, found: found)
     monkeypatch.setattr(fitting, "_exact_end", lambda _problem, soft, _monitor: tried.append(soft.loose_cost))
-    before = [fitting._End(*ends.end(1000.0))]
+    before = [End(*ends.end(1000.0))]
     start = {"Fc": 1.0}
     assert fitting._end(TASK, start, True, before).soft.loose_cost == 998.0
     assert tried == []

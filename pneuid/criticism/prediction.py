@@ -16,9 +16,10 @@ import numpy as np
 from pneuid.criticism.memory import carried
 from pneuid.errors import UserError
 from pneuid.estimation.first_guess import bristle, first_nodes, followed_effects
-from pneuid.estimation.fit import Fit, node_every
+from pneuid.estimation.fit import Fit
 from pneuid.estimation.motion import refined_motion
 from pneuid.estimation.preparation import Run
+from pneuid.estimation.task import node_every
 from pneuid.interval import IntervalFunction, interval_function
 from pneuid.plant import Plant
 from pneuid.simulate import estimate_start, simulate

@@ -10,11 +10,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 
 from pneuid.estimation.shooting import Evaluation, Shooting, threads
 from pneuid.mapped import Mapped
+
+
+@dataclass(frozen=True)
+class Walked:
+    """A simulated path: state at the start of every interval ``(ns, base.nint)`` and at every window's end ``(ns, nint)``,
+    outputs at the samples ``(ny, base.nint * samples)``, all SI; data cost."""
+
+    path: np.ndarray
+    end: np.ndarray
+    shown: np.ndarray
+    cost: float
 
 
 class Chained(Shooting):
@@ -37,6 +49,7 @@ class Chained(Shooting):
         self.size = self.nq + self.ns * self.nint
         self.linked = np.zeros(0, dtype=int)
         self._mapped: dict[int, Mapped] = {}
+        self._key: bytes | None = None
 
     def from_base(self, X: np.ndarray) -> np.ndarray:
         """Variables of this problem from those of ``base``."""
@@ -45,18 +58,16 @@ class Chained(Shooting):
 
     def to_base(self, X: np.ndarray) -> np.ndarray:
         """Variables of ``base``, with nodes on the simulated path."""
-        path, _, _ = self._path(X)
-        return self.base.join(X[: self.nq], path)
+        return self.base.join(X[: self.nq], self.walked(X).path)
 
     def evaluate_values(self, X: np.ndarray) -> tuple[np.ndarray, float]:
         """Physical end states ``(ns, nint)`` and the data cost ``sum r^2 / 2``."""
-        _, end, cost = self._path(X)
-        return end, cost
+        walked = self.walked(X)
+        return walked.end, walked.cost
 
     def evaluate(self, X: np.ndarray) -> Evaluation:
         """End states, sensitivities and Gram blocks of the windows, by the chain rule from those of the intervals."""
-        path, end, _ = self._path(X)
-        return self.linked_up(self.base.evaluate(self.base.join(X[: self.nq], path)), end)
+        return self.linked_up(self.base.evaluate(self.to_base(X)), self.walked(X).end)
 
     def linked_up(self, parts: Evaluation, end: np.ndarray) -> Evaluation:
         """What the intervals' ``parts`` say of the windows, which end at the states ``end`` ``(ns, nint)``."""
@@ -77,24 +88,32 @@ class Chained(Shooting):
         chained = inward.transpose(0, 2, 1) @ parts.gram @ inward
         return Evaluation(end, window, np.add.reduceat(chained, self.starts, axis=0))
 
-    def _path(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """State at the start of every interval ``(ns, base.nint)``, at every window's end ``(ns, nint)``, data cost."""
-        q, nodes = self.split(X)
-        theta = self.theta(q)
-        state, cost = nodes.copy(), 0.0
-        path = np.empty((self.ns, self.base.nint))
+    def walked(self, X: np.ndarray) -> Walked:
+        """The path at ``X``, simulated once for all who ask."""
+        key = X.tobytes()
+        if key != self._key:
+            self._key, self._walked = key, self._walk(X)
+        return self._walked
+
+    def _walk(self, X: np.ndarray) -> Walked:
+        q, state = self.split(X)
+        theta, ny = self.theta(q), len(self.plant.outputs)
         data = self.data.reshape(self.data.shape[0], self.base.nint, self.samples)
+        path, shown = np.empty((self.ns, self.base.nint)), np.empty((ny, self.base.nint, self.samples))
         for j in range(int(self.lengths.max())):
             going = np.flatnonzero(self.lengths > j)
             at = self.starts[going] + j
             path[:, at] = state[:, going]
             columns = data[:, at].reshape(data.shape[0], -1)
-            moved, part = self._values(going.size)(state[:, going], columns, theta[:, going])
-            state[:, going] = moved
-            cost += 0.5 * float(np.sum(part))
-        return path, state, cost
+            outputs, states = self._trajectories(going.size)(state[:, going], columns, theta[:, going])
+            shown[:, at] = outputs.reshape(ny, going.size, self.samples)
+            state[:, going] = states[:, self.samples :: self.samples + 1]
+        with np.errstate(over="ignore", invalid="ignore"):  # a trial point may lie anywhere
+            residual = data[-ny:] * (shown - data[-2 * ny : -ny])
+            cost = 0.5 * float(np.sum(residual**2))
+        return Walked(path, state, shown.reshape(ny, -1), cost)
 
-    def _values(self, count: int) -> Mapped:
+    def _trajectories(self, count: int) -> Mapped:
         if count not in self._mapped:
-            self._mapped[count] = Mapped(self.function.values, count, threads())
+            self._mapped[count] = Mapped(self.function.trajectory, count, threads())
         return self._mapped[count]

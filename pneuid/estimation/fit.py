@@ -5,31 +5,34 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from pneuid.errors import UserError
-from pneuid.estimation.first_guess import first_guess, first_nodes, follows_state, motions
-from pneuid.estimation.own import declared
-from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
-from pneuid.estimation.shooting import NODE_EVERY, TIGHT, Shooting, relaxed_smoothing
+from pneuid.estimation.first_guess import follows_state
+from pneuid.estimation.preparation import Run, noise_of, prepare
+from pneuid.estimation.shooting import TIGHT, Shooting
 from pneuid.estimation.solver import INTERRUPTED, Monitor, Outcome
-from pneuid.estimation.stages import DEFECT_GATE, Exact, Relaxed, exact_stage, relaxed_stage
+from pneuid.estimation.stages import (
+    DEFECT_GATE,
+    MISFIT,
+    End,
+    Exact,
+    Relaxed,
+    exact_again,
+    exact_stage,
+    loose_cost,
+    relaxed_again,
+    sharpened,
+    unsolved,
+)
 from pneuid.estimation.starts import from_far, from_near, softer
+from pneuid.estimation.task import Task, inside, relaxed_fit, values_at
+from pneuid.estimation.thinning import sections
 from pneuid.estimation.uncertainty import Uncertainty, verdicts
 from pneuid.plant import Plant
 from pneuid.recording import Recording
-from pneuid.step import LARGEST_SUBSTEPS, substeps_needed
-
-NODE_SECONDS = 0.02
-"""Length of an interval between nodes, s, where the sample rate allows."""
-
-MISFIT = 1.2
-"""Mean squared weighted residual above which standard errors are widened by its root, and the status says so."""
-
-
-DOUBTFUL = 4.0
-"""Standard deviations of the mean squared residual above 1 from which another start is tried."""
 
 REREADS = 2
 """Times at most that the bristle is read again at the friction laws found."""
@@ -46,9 +49,8 @@ class Fit:
     """Result of an identification.
 
     stage : ``exact`` or ``relaxed``; values : all parameters, SI; ``relaxed`` and ``problem`` are the relaxed solution, on
-    which effects are screened; loose_cost : relaxed cost with loose defects, comparable between models;
-    cost_per_sample : mean squared weighted residual (1 when only noise is left); defect_level : mean square of the
-    relaxed defects in their own spread.
+    which effects are screened; cost_per_sample : mean squared weighted residual (1 when only noise is left);
+    defect_level : mean square of the relaxed defects in their own spread; loose : ``loose_cost`` where it is known.
     """
 
     plant: Plant
@@ -65,7 +67,7 @@ class Fit:
     iterations: int
     seconds: float
     relaxed: Outcome
-    loose_cost: float
+    loose: float | None
     problem: Shooting
     exact: Outcome | None
     exact_problem: Shooting | None
@@ -79,25 +81,15 @@ class Fit:
         found = self.problem.scaling.to_values(self.relaxed.X[: self.problem.nq])
         return {name: float(value) for name, value in zip(self.problem.free, found, strict=True)}
 
+    @cached_property
+    def loose_cost(self) -> float:
+        """Relaxed cost with loose defects, comparable between models; found when asked for where the fit did without."""
+        return loose_cost(self.problem, Relaxed(self.relaxed, self.defect_level, self.loose))
+
     @property
     def relaxed_cost(self) -> float:
         """Relaxed cost: half the sum of squares of residuals and defects."""
         return self.relaxed.cost + self.relaxed.penalty
-
-
-def node_every(dt: float) -> int:
-    """Samples between nodes for a sampling interval ``dt`` in s."""
-    return int(np.clip(round(NODE_SECONDS / dt), 2, NODE_EVERY))
-
-
-def _substeps(plant: Plant, values: Mapping[str, float], ranges: Mapping[str, float], dt: float) -> int:
-    needed = substeps_needed(plant, plant.theta(values, ranges), dt)
-    if needed > LARGEST_SUBSTEPS:
-        raise UserError(
-            f"sample rate of {1 / dt:.0f} Hz is too low: this friction and these chambers need {needed} substeps per sample "
-            f'(at most {LARGEST_SUBSTEPS}); record faster or choose friction = "stribeck" in rig.toml'
-        )
-    return needed
 
 
 def _check_runs(plant: Plant, recordings: Sequence[Recording]) -> None:
@@ -138,12 +130,8 @@ def fit(
     _check_runs(plant, recordings)
     levels = dict(noise) if noise is not None else noise_of(plant.rig, recordings)
     runs = tuple(prepared) if prepared is not None else tuple(prepare(run, plant, levels) for run in recordings)
-    task = _Task(plant, recordings, runs, nodes or {}, monitor)
-    ends: list[_End] = []
-    for one in _starts(task, start or {}, exact):
-        ends.append(_end(task, one, exact, ends))
-        if ends[-1].interrupted or ends[-1].settled or (not one and not ends[-1].near):
-            break  # from the data's own guess, and another one, a model that ends far off is wrong, not badly started
+    task = Task(plant, recordings, runs, nodes or {}, monitor)
+    ends = _ends(task, start or {}, exact)
     _, best = min(zip(comparable_costs(*ends), ends, strict=True), key=lambda item: _order(*item))
     found = result_of(best.problem, levels, best.soft, best.hard, time.monotonic() - began)
     if ends[-1].interrupted:
@@ -151,40 +139,77 @@ def fit(
     return found
 
 
-@dataclass(frozen=True)
-class _Task:
-    """What every start of one fit shares; known : node states ``(nint,)`` by name that replace the first guess's."""
+def _ends(task: Task, start: Mapping[str, float], exact: bool) -> list[End]:
+    """Where one start after the other leads, until one is settled."""
+    ends = []
+    if exact and (known := _by_sections(task, start)) is not None:
+        ends.append(known)
+        if known.interrupted or known.settled:
+            return ends
+    for one in _starts(task, start, exact):
+        ends.append(_end(task, one, exact, ends))
+        if ends[-1].interrupted or ends[-1].settled or (not one and not ends[-1].near):
+            break  # from the data's own guess, and another one, a model that ends far off is wrong, not badly started
+    return ends
 
-    plant: Plant
-    recordings: Sequence[Recording]
-    runs: tuple[Run, ...]
-    known: Mapping[str, np.ndarray]
-    monitor: Monitor | None
 
-    def guess(self) -> dict[str, float]:
-        """The data's own first guess of the parameters, SI."""
-        return first_guess(self.plant, self.runs, motions(self.runs))
+def _by_sections(task: Task, start: Mapping[str, float]) -> End | None:
+    """A long record fitted from where its sections lead; None for a short one, and where that is no exact fit."""
+    few = sections(task.runs)
+    if not few:
+        return None
+    part = replace(task, runs=few, known={})
+    problem, soft = _reread(part, relaxed_fit(part, start))
+    values, sharp, stopped = values_at(problem, soft.outcome.X), None, soft.outcome.status == INTERRUPTED
+    if not stopped and End(problem, soft).near:
+        try:
+            sharp = sharpened(problem, soft.outcome, sum(run.n for run in task.runs), task.monitor)
+        except KeyboardInterrupt:
+            stopped = True
+    if sharp is None and not stopped:
+        return None
+    values = task.guess() | values
+    whole = task.problem(values, max(problem.substeps, task.substeps(values)))
+    X = whole.join(inside(whole, values), task.nodes(values, whole.samples))
+    if sharp is None:
+        return End(whole, unsolved(whole, X), interrupted=True)
+    soft = relaxed_again(whole, X, task.monitor)
+    known = _starting(whole, soft.outcome.X, sharp)
+    end = _exact_end(whole, soft, task.monitor, (known, max(sharp.problem.substeps, whole.substeps)))
+    return end if end.interrupted or end.hard is not None else None
 
 
-def _end(task: _Task, start: Mapping[str, float], exact: bool, before: Sequence[_End]) -> _End:
+def _starting(whole: Shooting, X: np.ndarray, sharp: Exact) -> np.ndarray:
+    """``X`` of the ``whole`` record with parameters of its sections' exact fit, and first states of those that begin a run."""
+    part = sharp.problem
+    q, nodes = whole.split(X)
+    values, (_, known) = values_at(part, sharp.outcome.X), part.split(sharp.outcome.X)
+    for run, first in zip(whole.runs, whole.first[:-1], strict=True):
+        for one, at in zip(part.runs, part.first[:-1], strict=True):
+            if one.name == run.name and one.t[0] == run.t[0]:
+                nodes[:, first] = known[:, at]
+    return whole.join(inside(whole, values_at(whole, q) | values), nodes)
+
+
+def _end(task: Task, start: Mapping[str, float], exact: bool, before: Sequence[End]) -> End:
     """Where one start leads: the data's own guess (empty) by a detour too, where it does not lead to an exact fit.
 
     The exact stage is long where it fails, and is spared where the relaxed fit is no better than one that went ``before``.
     """
-    found = _relaxed_fit(task, start)
+    found = relaxed_fit(task, start)
     if exact:
         found = _reread(task, found)
     exact = exact and all(_cheaper(found, (end.problem, end.soft)) for end in before)
-    end = _exact_end(*found, task.monitor) if exact else _End(*found)
+    end = _exact_end(*found, task.monitor) if exact else End(*found)
     if start or end.interrupted or end.hard is not None:
         return end
     other = _doubted(task, found)
     if other is found:
         return end
-    return _exact_end(*other, task.monitor) if exact else _End(*other)
+    return _exact_end(*other, task.monitor) if exact else End(*other)
 
 
-def _reread(task: _Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Relaxed]:
+def _reread(task: Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Relaxed]:
     """The relaxed fit again with the bristle read at the friction laws just found, until it is near or no longer comes down.
 
     Laws start at zero, so the first bristle is that of no pressure: a stick under another one then breaks away in the wrong
@@ -194,19 +219,19 @@ def _reread(task: _Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Rel
         return found
     for _ in range(REREADS):
         problem, soft = found
-        if soft.outcome.status == INTERRUPTED or _End(problem, soft).near:
+        if soft.outcome.status == INTERRUPTED or End(problem, soft).near:
             break
-        again = _relaxed_fit(task, values_at(problem, soft.outcome.X))
+        again = relaxed_fit(task, values_at(problem, soft.outcome.X))
         interrupted = again[1].outcome.status == INTERRUPTED
-        if not (interrupted or _End(*again).near or again[1].loose_cost < (1.0 - REREAD_GAIN) * soft.loose_cost):
+        if not (interrupted or End(*again).near or End(*again).loose_cost < (1.0 - REREAD_GAIN) * End(*found).loose_cost):
             break
         found = again
     return found
 
 
-def _doubted(task: _Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Relaxed]:
+def _doubted(task: Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Relaxed]:
     """The best of some relaxed fits: ``found`` from the data's own guess, and others from starts made for its weak points."""
-    best, near = found, _End(*found).near
+    best, near = found, End(*found).near
     for turn in range(2):
         if best[1].outcome.status == INTERRUPTED or (turn and best is found and not near):
             break
@@ -214,7 +239,7 @@ def _doubted(task: _Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Re
         start = from_near(task.guess(), values, turn) if near else from_far(task.plant, task.guess(), values, turn)
         if not start:
             break
-        again = _relaxed_fit(task, start)
+        again = relaxed_fit(task, start)
         if again[1].outcome.status == INTERRUPTED:
             return best[0], replace(best[1], outcome=replace(best[1].outcome, status=INTERRUPTED))
         if _cheaper(again, best):
@@ -224,11 +249,11 @@ def _doubted(task: _Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Re
 
 def _cheaper(one: tuple[Shooting, Relaxed], other: tuple[Shooting, Relaxed]) -> bool:
     """Whether the first relaxed fit costs clearly less."""
-    first, second = comparable_costs(_End(*one), _End(*other))
+    first, second = comparable_costs(End(*one), End(*other))
     return first < second - SURE
 
 
-def comparable_costs(*ends: Fit | _End) -> list[float]:
+def comparable_costs(*ends: Fit | End) -> list[float]:
     """Relaxed costs of fits to the same runs that can be compared, infinite where one diverged.
 
     With tight defects, which see more, where all have those.
@@ -238,63 +263,27 @@ def comparable_costs(*ends: Fit | _End) -> list[float]:
     return [cost if np.isfinite(cost) else np.inf for cost in costs]
 
 
-def _order(cost: float, end: _End) -> tuple[bool, float]:
+def _order(cost: float, end: End) -> tuple[bool, float]:
     """Exact ends first, the cheapest of them; else the cheapest relaxed one."""
     return (True, cost) if end.hard is None else (False, end.hard.outcome.cost)
 
 
-@dataclass(frozen=True)
-class _End:
-    """Where one start has led."""
-
-    problem: Shooting
-    soft: Relaxed
-    hard: Exact | None = None
-    interrupted: bool = False
-
-    @property
-    def loose_cost(self) -> float:
-        """Cost of the relaxed fit with loose defects."""
-        return self.soft.loose_cost
-
-    @property
-    def relaxed_cost(self) -> float:
-        """Cost of the relaxed fit with the defects it ended with."""
-        return self.soft.outcome.cost + self.soft.outcome.penalty
-
-    @property
-    def near(self) -> bool:
-        """Whether the relaxed fit came near enough for the exact stage."""
-        return self.problem.relaxation == TIGHT and self.soft.level < DEFECT_GATE
-
-    @property
-    def settled(self) -> bool:
-        """Whether an exact fit was found that need not be doubted.
-
-        One that leaves clearly more than the sensors' noise, but not so much that the model must be wrong, may be a
-        local optimum of the pre-sliding parameters.
-        """
-        if self.hard is None:
-            return False
-        count = max(self.problem.weighted, 1)
-        misfit = 2 * self.hard.outcome.cost / count
-        return not 1.0 + DOUBTFUL * np.sqrt(2.0 / count) < misfit < MISFIT
-
-
-def _exact_end(problem: Shooting, soft: Relaxed, monitor: Monitor | None) -> _End:
-    """The exact stage, where the relaxed one came near enough."""
-    if soft.outcome.status == INTERRUPTED:
-        return _End(problem, soft, interrupted=True)
-    end = _End(problem, soft)
-    if not end.near:
+def _exact_end(
+    problem: Shooting, soft: Relaxed, monitor: Monitor | None, known: tuple[np.ndarray, int] | None = None
+) -> End:
+    """The exact stage, where the relaxed one came near enough; shorter where parameters and time step are ``known``."""
+    end = End(problem, soft, interrupted=soft.outcome.status == INTERRUPTED)
+    if end.interrupted or not end.near:
         return end
     try:
-        return replace(end, hard=exact_stage(problem, soft.outcome, monitor))
+        if known is None:
+            return replace(end, hard=exact_stage(problem, soft.outcome, monitor))
+        return replace(end, hard=exact_again(problem, soft.outcome, *known, monitor))
     except KeyboardInterrupt:
         return replace(end, interrupted=True)
 
 
-def _starts(task: _Task, start: Mapping[str, float], exact: bool) -> Iterator[Mapping[str, float]]:
+def _starts(task: Task, start: Mapping[str, float], exact: bool) -> Iterator[Mapping[str, float]]:
     """Values to start from: the given ones over the data's guess; where they do not lead to an exact fit, others.
 
     A bad start ends in a local minimum, mostly of the pre-sliding parameters, from which no step leads out. Warm refits, which
@@ -308,31 +297,6 @@ def _starts(task: _Task, start: Mapping[str, float], exact: bool) -> Iterator[Ma
     soft = softer(task.plant, task.guess() | dict(start))
     if soft:
         yield dict(start) | soft
-
-
-def _relaxed_fit(task: _Task, start: Mapping[str, float]) -> tuple[Shooting, Relaxed]:
-    """The relaxed problem and its solution, with as many substeps as the parameters found need."""
-    plant, runs = task.plant, task.runs
-    ranges = data_ranges(task.recordings, plant)
-    moved = motions(runs)
-    guess = task.guess() | dict(start)
-    # the slowest run decides the step, so that no run is integrated too coarsely
-    dt = max(float(np.median(run.data[0])) for run in runs)
-    every = node_every(float(np.median(np.concatenate([run.data[0] for run in runs]))))
-    nodes = first_nodes(plant, runs, moved, guess, every)
-    for name, row in task.known.items():
-        nodes[plant.states.index(name)] = row
-    free = [parameter.name for parameter in declared(plant, [run.own for run in runs])]
-    values, substeps = guess, _substeps(plant, guess, ranges, dt)
-    while True:
-        problem = Shooting(plant, runs, free, values, ranges, substeps, every)
-        problem.set_smoothing(relaxed_smoothing(plant))
-        soft = relaxed_stage(problem, problem.join(_inside(problem, values), nodes), task.monitor)
-        values, nodes = values_at(problem, soft.outcome.X), problem.split(soft.outcome.X)[1]
-        needed = _substeps(plant, values, ranges, dt)
-        if needed <= substeps or soft.outcome.status == INTERRUPTED:
-            return problem, soft
-        substeps = needed
 
 
 def result_of(problem: Shooting, noise: dict[str, float], soft: Relaxed, hard: Exact | None, seconds: float) -> Fit:
@@ -352,21 +316,10 @@ def result_of(problem: Shooting, noise: dict[str, float], soft: Relaxed, hard: E
         noise=noise, substeps=solved.substeps, stage="exact" if hard else "relaxed", converged=final.success,
         status=_words(final if hard else None, soft.level, problem.relaxation, misfit), cost_per_sample=misfit,
         defect_level=soft.level, iterations=soft.outcome.iterations + (final.iterations if hard else 0), seconds=seconds,
-        relaxed=soft.outcome, loose_cost=soft.loose_cost, problem=problem, exact=final if hard else None,
+        relaxed=soft.outcome, loose=soft.loose_cost, problem=problem, exact=final if hard else None,
         exact_problem=solved if hard else None, spread=spread, verdicts=words,
         notes=tuple(note for run in problem.runs for note in run.notes),
     )  # fmt: skip
-
-
-def values_at(problem: Shooting, X: np.ndarray) -> dict[str, float]:
-    """Parameters at ``X``, SI."""
-    found = problem.scaling.to_values(X[: problem.nq])
-    return {name: float(value) for name, value in zip(problem.free, found, strict=True)}
-
-
-def _inside(problem: Shooting, values: Mapping[str, float]) -> np.ndarray:
-    q = problem.scaling.to_q(np.array([values[name] for name in problem.free]))
-    return np.clip(q, problem.scaling.lower, problem.scaling.upper)
 
 
 def _words(hard: Outcome | None, level: float, relaxation: float, misfit: float) -> str:

@@ -73,5 +73,6 @@ def own_of(rig: Rig, recording: Recording) -> Own:
 
 
 def declared(plant: Plant, owns: Sequence[Own]) -> tuple[Parameter, ...]:
-    """The plant's parameters, then those of single runs."""
-    return plant.parameters + tuple(parameter for own in owns for parameter in own.parameters())
+    """The plant's parameters, then those of single runs, once each where several sections are of one run."""
+    own = {parameter.name: parameter for one in owns for parameter in one.parameters()}
+    return plant.parameters + tuple(own.values())

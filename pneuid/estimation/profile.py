@@ -13,10 +13,11 @@ import numpy as np
 from scipy.stats import chi2
 
 from pneuid.errors import UserError
-from pneuid.estimation.fit import MISFIT, Fit, values_at
+from pneuid.estimation.fit import Fit
 from pneuid.estimation.shooting import Shooting
 from pneuid.estimation.solver import Monitor
-from pneuid.estimation.stages import polished
+from pneuid.estimation.stages import MISFIT, polished
+from pneuid.estimation.task import values_at
 from pneuid.formats.rig_toml import nearest
 
 LEVEL = float(chi2.ppf(0.95, 1))

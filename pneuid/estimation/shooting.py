@@ -153,8 +153,14 @@ class Shooting:
         self.smoothing = FINE
         self.relaxation = TIGHT
         """Spread allowed to the defects of the relaxed problem, in units of the state scale."""
-        self._map_values = Mapped(self.function.values, self.nint, threads())
-        self._map_derivatives = Mapped(self.function.derivatives, self.nint, threads())
+
+    @cached_property
+    def _map_values(self) -> Mapped:
+        return Mapped(self.function.values, self.nint, threads())
+
+    @cached_property
+    def _map_derivatives(self) -> Mapped:
+        return Mapped(self.function.derivatives, self.nint, threads())
 
     def _padded(self, run: Run, count: int, held: np.ndarray) -> np.ndarray:
         missing = count * self.samples - run.n
@@ -198,8 +204,12 @@ class Shooting:
 
     def evaluate(self, X: np.ndarray) -> Evaluation:
         """End states, scaled sensitivities and scaled Gram blocks."""
+        return self.evaluate_on(X, self.data)
+
+    def evaluate_on(self, X: np.ndarray, data: np.ndarray) -> Evaluation:
+        """The same on other ``data``, columns as ``self.data``."""
         q, nodes = self.split(X)
-        end, sensitivity, packed = self._map_derivatives(nodes, self.data, self.theta(q))
+        end, sensitivity, packed = self._map_derivatives(nodes, data, self.theta(q))
         own = self.function.width
         S = sensitivity.reshape(self.ns, self.nint, own).transpose(1, 0, 2)
         rows, cols = self._triangle

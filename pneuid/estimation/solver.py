@@ -17,6 +17,7 @@ import numpy as np
 
 from pneuid.estimation.assembly import Assembly
 from pneuid.estimation.chained import Chained
+from pneuid.estimation.factor import factorised
 from pneuid.estimation.shooting import Shooting
 
 Monitor = Callable[[str, int, float], None]
@@ -30,6 +31,12 @@ steps across the kinks of stick-slip go on zigzagging at that level for a hundre
 SETTLED_GAIN = 1e-4
 SETTLED_EXACT = 1e-6
 
+SETTLED_AGAIN = 3
+"""The same where the parameters are all but right at the start: what is left to do is the nodes' part."""
+
+ARRIVED = 0.05
+"""Distance from the optimum, in standard errors of all parameters together, at which a path needs no further step."""
+
 INTERRUPTED = "Interrupted"
 """Status of a stage that was stopped by ctrl-C; its outcome is the best point so far."""
 
@@ -38,6 +45,9 @@ LONGEST_SECONDS = 900.0
 
 CONTINUOUS = 1e-3
 """Largest defect, in units of the state scale, of a point that counts as continuous (0.1 um, 10 um/s, 1 Pa, 10 nm)."""
+
+_ROUGH = {"tol": 1e-4, "mu_strategy": "monotone", "mu_init": 1e-5, "max_iter": 60}
+"""IPOPT on a relaxed problem."""
 
 DAMPING_START = 0.1
 """Levenberg-Marquardt damping, relative to the Hessian's diagonal, after the first shortened step."""
@@ -56,13 +66,22 @@ class Outcome:
     seconds: float
 
 
+@dataclass(frozen=True)
+class _Settling:
+    """When a stage has settled: a relative ``gain`` of less over so many iterations, or at the distance ``arrived``."""
+
+    gain: float
+    over: int = SETTLED_OVER
+    arrived: float = 0.0
+
+
 class _Evaluator:
     """One evaluation per point, shared by the functions that IPOPT asks for."""
 
     def __init__(
-        self, problem: Shooting, relaxed: bool, stage: str, gain: float, monitor: Monitor | None, deadline: float
+        self, problem: Shooting, relaxed: bool, stage: str, settling: _Settling, monitor: Monitor | None, deadline: float
     ) -> None:
-        self.problem, self.relaxed, self.stage, self.gain = problem, relaxed, stage, gain
+        self.problem, self.relaxed, self.stage, self.settling = problem, relaxed, stage, settling
         self.assembly = Assembly(problem, relaxed)
         self.scale = 1.0 / max(problem.total_samples, 1)
         self.monitor, self.deadline = monitor, deadline
@@ -136,12 +155,29 @@ class _Evaluator:
             self.stopped = INTERRUPTED
         elif time.monotonic() > self.deadline:
             self.stopped = "Time_Limit_Exceeded"
-        elif len(self.history) > SETTLED_OVER:
-            best = self.history[-1]
-            gain = self.history[-1 - SETTLED_OVER] - best
-            if gain < self.gain * abs(best) and cost < (1 + 10 * self.gain) * best:
-                self.stopped = "Settled"
+        elif self._settled(cost) or self._distance(X) < self.settling.arrived:
+            self.stopped = "Settled"
         return bool(self.stopped)
+
+    def _settled(self, cost: float) -> bool:
+        gain, over = self.settling.gain, self.settling.over
+        if len(self.history) <= over:
+            return False
+        best = self.history[-1]
+        return self.history[-1 - over] - best < gain * abs(best) and cost < (1 + 10 * gain) * best
+
+    def _distance(self, X: np.ndarray) -> float:
+        """Distance from the optimum by the Gauss-Newton model at ``X``, in standard errors of all variables together."""
+        if not self.settling.arrived or X.tobytes() != self._key:
+            return np.inf
+        gradient, _, hessian = (item.copy() for item in self._at)
+        hessian[self.assembly.hess_diagonal] /= 1.0 + self.damping
+        held = np.flatnonzero(self.problem.scaling.on_bound(X[: self.problem.nq]))
+        gradient[held] = 0.0
+        hessian[self.assembly.hess_diagonal[held]] *= 1e12
+        with np.errstate(over="ignore", invalid="ignore"):
+            step = factorised(self.assembly.hessian_matrix(hessian)).solve(gradient)
+            return float(np.sqrt(gradient @ step / self.scale)) if np.all(np.isfinite(step)) else np.inf
 
 
 class _Function(ca.Callback):
@@ -237,10 +273,11 @@ def _ipopt(evaluator: _Evaluator, options: dict) -> tuple[ca.Function, list[_Fun
 
 
 def _solve(
-    problem: Shooting, X0: np.ndarray, relaxed: bool, stage: str, gain: float, options: dict, monitor: Monitor | None
+    problem: Shooting, X0: np.ndarray, relaxed: bool, stage: str, settling: _Settling, options: dict,
+    monitor: Monitor | None,
 ) -> Outcome:
     began = time.monotonic()
-    evaluator = _Evaluator(problem, relaxed, stage, gain, monitor, began + LONGEST_SECONDS)
+    evaluator = _Evaluator(problem, relaxed, stage, settling, monitor, began + LONGEST_SECONDS)
     solver, _kept = _ipopt(evaluator, options)
     lower, upper = np.full(problem.size, -np.inf), np.full(problem.size, np.inf)
     lower[: problem.nq], upper[: problem.nq] = problem.scaling.lower, problem.scaling.upper
@@ -268,16 +305,23 @@ def _solve(
 
 def solve_relaxed(problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None) -> Outcome:
     """Minimise cost plus penalised defects from ``X0``; never worse than the best point visited."""
-    options = {"tol": 1e-4, "mu_strategy": "monotone", "mu_init": 1e-5, "max_iter": 60}
-    return _solve(problem, X0, True, "relaxed", SETTLED_GAIN, options, monitor)
+    return _solve(problem, X0, True, "relaxed", _Settling(SETTLED_GAIN), _ROUGH, monitor)
+
+
+def solve_relaxed_again(problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None) -> Outcome:
+    """The same from parameters that are all but right."""
+    return _solve(problem, X0, True, "relaxed", _Settling(SETTLED_GAIN, SETTLED_AGAIN), _ROUGH, monitor)
 
 
 def solve_chained(
-    problem: Chained, X0: np.ndarray, monitor: Monitor | None = None, iterations: int = 40
+    problem: Chained, X0: np.ndarray, monitor: Monitor | None = None, arrived: float = ARRIVED
 ) -> Outcome:
-    """Minimise the cost along paths that are continuous within the windows of ``problem``; the best point visited."""
-    options = {"tol": 1e-6, "mu_strategy": "monotone", "mu_init": 1e-7, "max_iter": iterations}
-    return _solve(problem, X0, True, "continuous", SETTLED_EXACT, options, monitor)
+    """Minimise the cost along paths that are continuous within the windows of ``problem``; the best point visited.
+
+    It ends within ``arrived`` standard errors of the optimum.
+    """
+    options = {"tol": 1e-6, "mu_strategy": "monotone", "mu_init": 1e-7, "max_iter": 40}
+    return _solve(problem, X0, True, "continuous", _Settling(SETTLED_EXACT, arrived=arrived), options, monitor)
 
 
 def solve_exact(problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None, iterations: int = 40) -> Outcome:
@@ -288,4 +332,4 @@ def solve_exact(problem: Shooting, X0: np.ndarray, monitor: Monitor | None = Non
         "acceptable_tol": 1e-3, "acceptable_iter": 2, "acceptable_obj_change_tol": 1e-7,
         "acceptable_constr_viol_tol": 1e-3, "acceptable_dual_inf_tol": 1e-3,
     }  # fmt: skip
-    return _solve(problem, X0, False, "exact", SETTLED_EXACT, options, monitor)
+    return _solve(problem, X0, False, "exact", _Settling(SETTLED_EXACT), options, monitor)

@@ -8,13 +8,24 @@ beside the standard errors.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pneuid.estimation.chained import Chained
+from pneuid.estimation.refined import Refined
 from pneuid.estimation.shooting import LOOSE, TIGHT, Shooting
-from pneuid.estimation.solver import INTERRUPTED, Monitor, Outcome, solve_chained, solve_exact, solve_relaxed
+from pneuid.estimation.solver import (
+    ARRIVED,
+    INTERRUPTED,
+    Monitor,
+    Outcome,
+    solve_chained,
+    solve_exact,
+    solve_relaxed,
+    solve_relaxed_again,
+)  # fmt: skip
 from pneuid.estimation.uncertainty import Uncertainty, uncertainty
 from pneuid.physics.smoothing import FINE
 from pneuid.step import fastest_rates
@@ -42,13 +53,24 @@ FINEST = 16
 """Substeps per sample of the last stage are not raised beyond this by the wish for accuracy."""
 
 
+ROUGHLY = 0.5
+"""Distance from its optimum, in standard errors, that does for a part of a record: the whole is several of them off."""
+
+MISFIT = 1.2
+"""Mean squared weighted residual above which standard errors are widened by its root, and the status says so."""
+
+DOUBTFUL = 4.0
+"""Standard deviations of the mean squared residual above 1 from which another start is tried."""
+
+
 @dataclass(frozen=True)
 class Relaxed:
-    """The relaxed solution; level : mean square of its defects in their own spread; loose_cost : cost with loose defects."""
+    """The relaxed solution; level : mean square of its defects in their own spread; loose_cost : cost with loose defects,
+    None where the fit did without."""
 
     outcome: Outcome
     level: float
-    loose_cost: float
+    loose_cost: float | None
 
 
 @dataclass(frozen=True)
@@ -60,17 +82,83 @@ class Exact:
     spread: Uncertainty
 
 
+@dataclass(frozen=True)
+class End:
+    """Where one start has led."""
+
+    problem: Shooting
+    soft: Relaxed
+    hard: Exact | None = None
+    interrupted: bool = False
+
+    @property
+    def loose_cost(self) -> float:
+        """Cost of the relaxed fit with loose defects."""
+        return loose_cost(self.problem, self.soft)
+
+    @property
+    def relaxed_cost(self) -> float:
+        """Cost of the relaxed fit with the defects it ended with."""
+        return self.soft.outcome.cost + self.soft.outcome.penalty
+
+    @property
+    def near(self) -> bool:
+        """Whether the relaxed fit came near enough for the exact stage."""
+        return self.problem.relaxation == TIGHT and self.soft.level < DEFECT_GATE
+
+    @property
+    def settled(self) -> bool:
+        """Whether an exact fit was found that need not be doubted.
+
+        One that leaves clearly more than the sensors' noise, but not so much that the model must be wrong, may be a
+        local optimum of the pre-sliding parameters.
+        """
+        if self.hard is None:
+            return False
+        count = max(self.problem.weighted, 1)
+        misfit = 2 * self.hard.outcome.cost / count
+        return not 1.0 + DOUBTFUL * np.sqrt(2.0 / count) < misfit < MISFIT
+
+
+def loose_cost(problem: Shooting, soft: Relaxed) -> float:
+    """Cost of the relaxed fit with loose defects; solved for from the tight solution where the fit did without."""
+    if soft.loose_cost is not None:
+        return soft.loose_cost
+    loose = copy(problem)
+    loose.relaxation = LOOSE
+    found = solve_relaxed(loose, soft.outcome.X)
+    return found.cost + found.penalty
+
+
 def relaxed_stage(problem: Shooting, X0: np.ndarray, monitor: Monitor | None) -> Relaxed:
     """Loose defects first; tight ones where the model is near enough."""
-    links = max(problem.linked.size * problem.ns, 1)
     problem.relaxation = LOOSE
     soft = solve_relaxed(problem, X0, monitor)
-    level, loose = 2 * soft.penalty / links, soft.cost + soft.penalty
+    level, loose = _level(problem, soft), soft.cost + soft.penalty
     if level < TIGHTEN_BELOW and soft.status != INTERRUPTED:
         problem.relaxation = TIGHT
         soft = solve_relaxed(problem, soft.X, monitor)
-        level = 2 * soft.penalty / links
+        level = _level(problem, soft)
     return Relaxed(soft, level, loose)
+
+
+def relaxed_again(problem: Shooting, X0: np.ndarray, monitor: Monitor | None) -> Relaxed:
+    """Tight defects at once, from parameters that are all but right already."""
+    problem.relaxation = TIGHT
+    soft = solve_relaxed_again(problem, X0, monitor)
+    return Relaxed(soft, _level(problem, soft), None)
+
+
+def unsolved(problem: Shooting, X: np.ndarray) -> Relaxed:
+    """The point ``X`` of a fit that was stopped before it came to a step."""
+    end, cost = problem.evaluate_values(X)
+    penalty = 0.5 * float(np.sum((problem.defects(end, X) / problem.relaxation) ** 2))
+    soft = Outcome(X, cost, penalty, INTERRUPTED, False, 0, 0.0)
+    return Relaxed(soft, _level(problem, soft), cost + penalty)
+
+
+def _level(problem: Shooting, soft: Outcome) -> float:
+    return 2 * soft.penalty / max(problem.linked.size * problem.ns, 1)
 
 
 def exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Exact | None:
@@ -90,6 +178,45 @@ def exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Ex
     return Exact(hard, fine, uncertainty(fine, hard.X))
 
 
+def sharpened(problem: Shooting, soft: Outcome, samples: int, monitor: Monitor | None) -> Exact | None:
+    """The exact fit of a part of a record of so many ``samples``, at the time step which the whole of it will ask for.
+
+    None where no continuous path comes near. Raises ``KeyboardInterrupt`` where it is stopped.
+    """
+    coarse = _like(problem, soft.X, problem.substeps)
+    path = _continuous(coarse, soft, monitor)
+    if path is None:
+        return None
+    spread = uncertainty(coarse, path.X)
+    expected = replace(spread, std=spread.std * np.sqrt(problem.total_samples / samples))
+    wanted = _accurate_substeps(coarse, path.X, expected)
+    if wanted == coarse.substeps:
+        return Exact(path, coarse, spread)
+    fine = _like(problem, path.X, wanted)
+    return Exact(_walked(Chained(fine), path.X, monitor, ROUGHLY), fine, spread)
+
+
+def exact_again(problem: Shooting, soft: Outcome, X: np.ndarray, substeps: int, monitor: Monitor | None) -> Exact | None:
+    """The exact fit from parameters and first states ``X`` that are all but right already.
+
+    None where its path does not come near the relaxed fit. Raises ``KeyboardInterrupt`` where it is stopped.
+    """
+    slopes = _like(problem, X, problem.substeps)
+    fine = _like(problem, X, substeps) if substeps > problem.substeps else slopes
+    found = _walked(Chained(fine) if fine is slopes else Refined(fine, slopes), X, monitor)
+    if not found.cost < NEAR_RELAXED * (soft.cost + soft.penalty):
+        return None
+    return Exact(found, fine, uncertainty(slopes, found.X))
+
+
+def _walked(whole: Chained, X: np.ndarray, monitor: Monitor | None, arrived: float = ARRIVED) -> Outcome:
+    """Best path from the first states of ``X``, in the variables of the short intervals."""
+    found = solve_chained(whole, whole.from_base(X), monitor, arrived)
+    if found.status == INTERRUPTED:
+        raise KeyboardInterrupt
+    return replace(found, X=whole.to_base(found.X), success=bool(np.isfinite(found.cost)))
+
+
 def polished(problem: Shooting, X: np.ndarray, limit: float, monitor: Monitor | None) -> Outcome:
     """The exact solution near a nearly continuous path ``X``, whose cost should stay below ``limit``.
 
@@ -101,11 +228,7 @@ def polished(problem: Shooting, X: np.ndarray, limit: float, monitor: Monitor | 
     if hard.success and hard.cost <= limit:
         return hard
     # what is left to move is the change of the step or of a pinned parameter, which a simulated path takes up
-    walked = Chained(problem)
-    again = solve_chained(walked, walked.from_base(X), monitor)
-    if again.status == INTERRUPTED:
-        raise KeyboardInterrupt
-    return replace(again, X=walked.to_base(again.X), success=bool(np.isfinite(again.cost)))
+    return _walked(Chained(problem), X, monitor)
 
 
 def _like(problem: Shooting, X: np.ndarray, substeps: int) -> Shooting:
@@ -132,12 +255,9 @@ def _continuous(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Ou
         if cuts:
             broken = Chained(problem, cuts)
             X = broken.to_base(solve_chained(broken, broken.from_base(X), monitor).X)
-        whole = Chained(problem)
-        found = solve_chained(whole, whole.from_base(X), monitor)
-        if found.status == INTERRUPTED:
-            raise KeyboardInterrupt
-        if np.isfinite(found.cost) and found.cost < enough:
-            return replace(found, X=whole.to_base(found.X))
+        found = _walked(Chained(problem), X, monitor)
+        if found.success and found.cost < enough:
+            return found
     return None
 
 

@@ -1,0 +1,100 @@
+"""What is to be fitted, and its relaxed problem from a start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pneuid.errors import UserError
+from pneuid.estimation.first_guess import first_guess, first_nodes, motions
+from pneuid.estimation.own import declared
+from pneuid.estimation.preparation import Run, data_ranges
+from pneuid.estimation.shooting import NODE_EVERY, Shooting, relaxed_smoothing
+from pneuid.estimation.solver import INTERRUPTED, Monitor
+from pneuid.estimation.stages import Relaxed, relaxed_stage
+from pneuid.plant import Plant
+from pneuid.recording import Recording
+from pneuid.step import LARGEST_SUBSTEPS, substeps_needed
+
+NODE_SECONDS = 0.02
+"""Length of an interval between nodes, s, where the sample rate allows."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What every start of one fit shares; known : node states ``(nint,)`` by name that replace the first guess's."""
+
+    plant: Plant
+    recordings: Sequence[Recording]
+    runs: tuple[Run, ...]
+    known: Mapping[str, np.ndarray]
+    monitor: Monitor | None
+
+    def guess(self) -> dict[str, float]:
+        """The data's own first guess of the parameters, SI."""
+        return first_guess(self.plant, self.runs, motions(self.runs))
+
+    def substeps(self, values: Mapping[str, float]) -> int:
+        """Substeps per sample that the parameters ``values`` (SI) need. Raises ``UserError`` where they are too many."""
+        # the slowest run decides the step, so that no run is integrated too coarsely
+        dt = max(float(np.median(run.data[0])) for run in self.runs)
+        needed = substeps_needed(self.plant, self.plant.theta(values, self.ranges), dt)
+        if needed > LARGEST_SUBSTEPS:
+            raise UserError(
+                f"sample rate of {1 / dt:.0f} Hz is too low: this friction and these chambers need {needed} substeps per "
+                f'sample (at most {LARGEST_SUBSTEPS}); record faster or choose friction = "stribeck" in rig.toml'
+            )
+        return needed
+
+    @property
+    def ranges(self) -> dict[str, float]:
+        """Ranges of the data that laws are clamped to, SI."""
+        return data_ranges(self.recordings, self.plant)
+
+    def problem(self, values: Mapping[str, float], substeps: int) -> Shooting:
+        """The relaxed problem at the parameters ``values`` (SI)."""
+        free = [parameter.name for parameter in declared(self.plant, [run.own for run in self.runs])]
+        every = node_every(float(np.median(np.concatenate([run.data[0] for run in self.runs]))))
+        problem = Shooting(self.plant, self.runs, free, values, self.ranges, substeps, every)
+        problem.set_smoothing(relaxed_smoothing(self.plant))
+        return problem
+
+    def nodes(self, values: dict[str, float], every: int) -> np.ndarray:
+        """Node states ``(ns, nint)`` from the measurements and what is known, a node after ``every`` samples."""
+        nodes = first_nodes(self.plant, self.runs, motions(self.runs), values, every)
+        for name, row in self.known.items():
+            nodes[self.plant.states.index(name)] = row
+        return nodes
+
+
+def node_every(dt: float) -> int:
+    """Samples between nodes for a sampling interval ``dt`` in s."""
+    return int(np.clip(round(NODE_SECONDS / dt), 2, NODE_EVERY))
+
+
+def relaxed_fit(task: Task, start: Mapping[str, float]) -> tuple[Shooting, Relaxed]:
+    """The relaxed problem and its solution, with as many substeps as the parameters found need."""
+    values = task.guess() | dict(start)
+    problem = task.problem(values, task.substeps(values))
+    nodes = task.nodes(values, problem.samples)
+    while True:
+        soft = relaxed_stage(problem, problem.join(inside(problem, values), nodes), task.monitor)
+        values, nodes = values_at(problem, soft.outcome.X), problem.split(soft.outcome.X)[1]
+        needed = task.substeps(values)
+        if needed <= problem.substeps or soft.outcome.status == INTERRUPTED:
+            return problem, soft
+        problem = task.problem(values, needed)
+
+
+def values_at(problem: Shooting, X: np.ndarray) -> dict[str, float]:
+    """Parameters at ``X``, SI."""
+    found = problem.scaling.to_values(X[: problem.nq])
+    return {name: float(value) for name, value in zip(problem.free, found, strict=True)}
+
+
+def inside(problem: Shooting, values: Mapping[str, float]) -> np.ndarray:
+    """Search variables ``(nq,)`` of ``values`` (SI), within their bounds."""
+    q = problem.scaling.to_q(np.array([values[name] for name in problem.free]))
+    return np.asarray(np.clip(q, problem.scaling.lower, problem.scaling.upper))
