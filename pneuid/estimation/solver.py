@@ -40,6 +40,9 @@ ARRIVED = 0.05
 INTERRUPTED = "Interrupted"
 """Status of a stage that was stopped by ctrl-C; its outcome is the best point so far."""
 
+CONVERGED = "Converged"
+"""Status of a stage that ended within the distance from the optimum that was asked for."""
+
 LONGEST_SECONDS = 900.0
 """A stage is stopped after this time whatever its state; iterations limit it long before, on any machine."""
 
@@ -155,7 +158,9 @@ class _Evaluator:
             self.stopped = INTERRUPTED
         elif time.monotonic() > self.deadline:
             self.stopped = "Time_Limit_Exceeded"
-        elif self._settled(cost) or self._distance(X) < self.settling.arrived:
+        elif self._distance(X) < self.settling.arrived:
+            self.stopped = CONVERGED
+        elif self._settled(cost):
             self.stopped = "Settled"
         return bool(self.stopped)
 
@@ -297,8 +302,9 @@ def _solve(
         X = evaluator.feasible[1]
     end, data_cost = problem.evaluate_values(X)
     penalty = 0.5 * float(np.sum((problem.defects(end, X) / problem.relaxation) ** 2))
+    success = bool(stats["success"]) or status in ("Settled", CONVERGED)
     return Outcome(
-        X=X, cost=data_cost, penalty=penalty, status=status, success=bool(stats["success"]) or status == "Settled",
+        X=X, cost=data_cost, penalty=penalty, status=status, success=success,
         iterations=evaluator.iterations, seconds=time.monotonic() - began,
     )  # fmt: skip
 

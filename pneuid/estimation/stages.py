@@ -18,6 +18,7 @@ from pneuid.estimation.refined import Refined
 from pneuid.estimation.shooting import LOOSE, TIGHT, Shooting
 from pneuid.estimation.solver import (
     ARRIVED,
+    CONVERGED,
     INTERRUPTED,
     Monitor,
     Outcome,
@@ -204,6 +205,8 @@ def exact_again(problem: Shooting, soft: Outcome, X: np.ndarray, substeps: int, 
     slopes = _like(problem, X, problem.substeps)
     fine = _like(problem, X, substeps) if substeps > problem.substeps else slopes
     found = _walked(Chained(fine) if fine is slopes else Refined(fine, slopes), X, monitor)
+    if found.status != CONVERGED and fine is not slopes:
+        found = _walked(Chained(fine), found.X, monitor)  # with slopes that are a little off the last steps may not go down
     if not found.cost < NEAR_RELAXED * (soft.cost + soft.penalty):
         return None
     return Exact(found, fine, uncertainty(slopes, found.X))
