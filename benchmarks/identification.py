@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import resource
 import time
 import tomllib
 import warnings
@@ -192,14 +193,29 @@ def rigs_table(rows: list[Row]) -> str:
 # --- cost over samples ---
 
 
+def held() -> int:
+    """Memory that this process holds now, bytes."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+
+
+def peak() -> int:
+    """Most memory that it ever held, bytes."""
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
 def scaling(samples: int, _: argparse.Namespace) -> Row:
-    """A warm fit of so many samples, in forward simulations of the same data by the compiled model."""
+    """A warm fit of so many samples, in forward simulations of the same data by the compiled model.
+
+    memory : bytes per sample that the fit takes on top of the recordings; an upper bound where an earlier case took more.
+    """
     rig = stand()
     plant, runs = Plant(rig, "lugre"), records(rig, 1, samples / 3000.0)
     fit(plant, records(rig, 2, 2.0))  # compiles
+    before = held()
     began, cpu = time.perf_counter(), time.process_time()
     found = fit(plant, runs)
     wall, cpu = time.perf_counter() - began, time.process_time() - cpu
+    memory = (peak() - before) / samples
     problem, X = found.problem, found.relaxed.X
     once = []
     for _ in range(5):
@@ -207,7 +223,7 @@ def scaling(samples: int, _: argparse.Namespace) -> Row:
         problem.evaluate_values(X)
         once.append(time.perf_counter() - began)
     return {
-        "samples": samples, "stage": found.stage, "seconds": wall, "cpu": cpu, "forward": min(once),
+        "samples": samples, "stage": found.stage, "seconds": wall, "cpu": cpu, "forward": min(once), "memory": memory,
         "forwards": wall / min(once), "substeps": [problem.substeps, found.substeps], "solving": found.relaxed.seconds
         + (found.exact.seconds if found.exact else 0.0),
     }  # fmt: skip
@@ -217,7 +233,8 @@ def scaling_table(rows: list[Row]) -> str:
     """Seconds and forward simulations per fit."""
     return "\n".join(
         f"{row['samples']:8d} samples: {row['stage']}, {row['seconds']:.2f} s = {row['forwards']:.0f} forward simulations of "
-        f"{1e3 * row['forward']:.1f} ms; {1e6 * row['seconds'] / row['samples']:.1f} us per sample"
+        f"{1e3 * row['forward']:.1f} ms; {1e6 * row['seconds'] / row['samples']:.1f} us and "
+        f"{1e-3 * row['memory']:.1f} kB per sample"
         for row in rows
     )
 

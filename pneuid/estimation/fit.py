@@ -34,6 +34,9 @@ from pneuid.estimation.uncertainty import Uncertainty, verdicts
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 
+DRAWS = 2
+"""Times at most that sections are drawn from a long record: now and then a slip of one ends in the wrong place."""
+
 REREADS = 2
 """Times at most that the bristle is read again at the friction laws found."""
 
@@ -155,28 +158,37 @@ def _ends(task: Task, start: Mapping[str, float], exact: bool) -> list[End]:
 
 def _by_sections(task: Task, start: Mapping[str, float]) -> End | None:
     """A long record fitted from where its sections lead; None for a short one, and where that is no exact fit."""
-    few = sections(task.runs)
-    if not few:
-        return None
-    part = replace(task, runs=few, known={})
-    problem, soft = _reread(part, relaxed_fit(part, start))
-    values, sharp, stopped = values_at(problem, soft.outcome.X), None, soft.outcome.status == INTERRUPTED
-    if not stopped and End(problem, soft).near:
+    for turn in range(DRAWS):
+        few = sections(task.runs, turn)
+        if not few:
+            return None
+        part = replace(task, runs=few, known={})
+        problem, soft = _reread(part, relaxed_fit(part, start))
+        if soft.outcome.status == INTERRUPTED:
+            return _from_sections(task, problem, soft, None)
+        if problem.relaxation != TIGHT:
+            return None  # other sections will not make a wrong model right
         try:
-            sharp = sharpened(problem, soft.outcome, sum(run.n for run in task.runs), task.monitor)
+            samples = sum(run.n for run in task.runs)
+            sharp = sharpened(problem, soft.outcome, samples, task.monitor) if End(problem, soft).near else None
         except KeyboardInterrupt:
-            stopped = True
-    if sharp is None and not stopped:
-        return None
-    values = task.guess() | values
+            return _from_sections(task, problem, soft, None)
+        if sharp is not None:
+            end = _from_sections(task, problem, soft, sharp)
+            return end if end.interrupted or end.hard is not None else None
+    return None
+
+
+def _from_sections(task: Task, problem: Shooting, soft: Relaxed, sharp: Exact | None) -> End:
+    """The whole record from the relaxed and the exact fit of its sections; unsolved where they were stopped before."""
+    values = task.guess() | values_at(problem, soft.outcome.X)
     whole = task.problem(values, max(problem.substeps, task.substeps(values)))
     X = whole.join(inside(whole, values), task.nodes(values, whole.samples))
     if sharp is None:
         return End(whole, unsolved(whole, X), interrupted=True)
-    soft = relaxed_again(whole, X, task.monitor)
-    known = _starting(whole, soft.outcome.X, sharp)
-    end = _exact_end(whole, soft, task.monitor, (known, max(sharp.problem.substeps, whole.substeps)))
-    return end if end.interrupted or end.hard is not None else None
+    again = relaxed_again(whole, X, task.monitor)
+    known = _starting(whole, again.outcome.X, sharp)
+    return _exact_end(whole, again, task.monitor, (known, max(sharp.problem.substeps, whole.substeps)))
 
 
 def _starting(whole: Shooting, X: np.ndarray, sharp: Exact) -> np.ndarray:

@@ -17,7 +17,7 @@ from pneuid.estimation.preparation import Run
 SECTION = 1000
 """Samples of one section: long beside its first states, which are unknown."""
 
-ENOUGH = 8_000
+ENOUGH = 7_000
 """Samples of all sections together, about."""
 
 LONG = 30_000
@@ -27,10 +27,11 @@ SEEN = 0.5
 """Share of its measured values that must count for a section to be of use."""
 
 
-def sections(runs: Sequence[Run]) -> tuple[Run, ...]:
+def sections(runs: Sequence[Run], turn: int = 0) -> tuple[Run, ...]:
     """Sections of ``runs``, each a run of its own; empty where the runs are too short, or masked too much, for it to pay.
 
-    Every run gives at least one. A run's section keeps its name, and so what the run has for itself.
+    Every run gives at least one. A run's section keeps its name, and so what the run has for itself. The first of a run
+    begins with it; on another ``turn`` all lie elsewhere, half way to the next.
     """
     total = sum(run.n for run in runs)
     if total < LONG:
@@ -39,7 +40,7 @@ def sections(runs: Sequence[Run]) -> tuple[Run, ...]:
     for run in runs:
         length = min(SECTION, run.n)
         count = max(1, round(ENOUGH / SECTION * run.n / total))
-        firsts = np.linspace(0, run.n - length, count).astype(int)
+        firsts = (np.arange(count) + 0.5 * turn) * (run.n - length) / max(count - 1 + turn, 1)
         found += [section(run, int(first), int(first) + length) for first in firsts]
     used = tuple(one for one in found if np.count_nonzero(one.weights) >= SEEN * one.weights.size)
     size = sum(one.n for one in used)
