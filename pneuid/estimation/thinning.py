@@ -17,8 +17,9 @@ from pneuid.estimation.preparation import Run
 SECTION = 1000
 """Samples of one section: long beside its first states, which are unknown."""
 
-ENOUGH = 7_000
-"""Samples of all sections together, about."""
+ENOUGH, SHARE = 7_000, 0.05
+"""Samples of all sections together, about: that many, or a larger record's share, whose parameters are near enough to its own
+for a few steps to do."""
 
 LONG = 30_000
 """Samples from which a record is long."""
@@ -30,21 +31,26 @@ SEEN = 0.5
 def sections(runs: Sequence[Run], turn: int = 0) -> tuple[Run, ...]:
     """Sections of ``runs``, each a run of its own; empty where the runs are too short, or masked too much, for it to pay.
 
-    Every run gives at least one. A run's section keeps its name, and so what the run has for itself. The first of a run
-    begins with it; on another ``turn`` all lie elsewhere, half way to the next.
+    Every run in which something counts gives at least one. A section keeps its run's name, and so what the run has for
+    itself. The first of a run begins with it; on another ``turn`` they lie half way between those.
     """
     total = sum(run.n for run in runs)
     if total < LONG:
         return ()
+    wanted = max(ENOUGH, SHARE * total) / SECTION
     found = []
     for run in runs:
-        length = min(SECTION, run.n)
-        count = max(1, round(ENOUGH / SECTION * run.n / total))
-        firsts = (np.arange(count) + 0.5 * turn) * (run.n - length) / max(count - 1 + turn, 1)
-        found += [section(run, int(first), int(first) + length) for first in firsts]
+        seen = np.flatnonzero(run.weights.any(axis=0))
+        if not seen.size:
+            continue
+        start, length = int(seen[0]), min(SECTION, int(np.ptp(seen)) + 1)
+        count = max(1, round(wanted * run.n / total))
+        spacing = (int(np.ptp(seen)) + 1 - length) / max(count - 1, 1)
+        firsts = [start + int((k + 0.5 * turn) * spacing) for k in range(max(count - turn, 1))]
+        found += [section(run, first, first + length) for first in firsts]
     used = tuple(one for one in found if np.count_nonzero(one.weights) >= SEEN * one.weights.size)
     size = sum(one.n for one in used)
-    return used if ENOUGH / 2 <= size <= total / 2 else ()
+    return used if ENOUGH / 3 <= size <= total / 2 else ()
 
 
 def section(run: Run, first: int, last: int) -> Run:
