@@ -34,8 +34,9 @@ SETTLED_EXACT = 1e-6
 SETTLED_AGAIN = 3
 """The same where the parameters are all but right at the start: what is left to do is the nodes' part."""
 
-ARRIVED = 0.05
-"""Distance from the optimum, in standard errors of all parameters together, at which a path needs no further step."""
+ARRIVED, NEARBY = 0.05, 1.0
+"""Distances from the optimum, in standard errors of all parameters together, at which a path needs no further step: one whose
+parameters are the result, and one of a part of the record, whose optimum is further than that from the whole's."""
 
 INTERRUPTED = "Interrupted"
 """Status of a stage that was stopped by ctrl-C; its outcome is the best point so far."""
@@ -70,7 +71,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class _Settling:
+class Settling:
     """When a stage has settled: a relative ``gain`` of less over so many iterations, or at the distance ``arrived``."""
 
     gain: float
@@ -78,11 +79,16 @@ class _Settling:
     arrived: float = 0.0
 
 
+CLOSE = Settling(SETTLED_EXACT, arrived=ARRIVED)
+NEAR = Settling(SETTLED_GAIN, SETTLED_AGAIN, NEARBY)
+"""For a path whose parameters are the result, and for one of a part of the record."""
+
+
 class _Evaluator:
     """One evaluation per point, shared by the functions that IPOPT asks for."""
 
     def __init__(
-        self, problem: Shooting, relaxed: bool, stage: str, settling: _Settling, monitor: Monitor | None, deadline: float
+        self, problem: Shooting, relaxed: bool, stage: str, settling: Settling, monitor: Monitor | None, deadline: float
     ) -> None:
         self.problem, self.relaxed, self.stage, self.settling = problem, relaxed, stage, settling
         self.assembly = Assembly(problem, relaxed)
@@ -278,7 +284,7 @@ def _ipopt(evaluator: _Evaluator, options: dict) -> tuple[ca.Function, list[_Fun
 
 
 def _solve(
-    problem: Shooting, X0: np.ndarray, relaxed: bool, stage: str, settling: _Settling, options: dict,
+    problem: Shooting, X0: np.ndarray, relaxed: bool, stage: str, settling: Settling, options: dict,
     monitor: Monitor | None,
 ) -> Outcome:
     began = time.monotonic()
@@ -311,23 +317,20 @@ def _solve(
 
 def solve_relaxed(problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None) -> Outcome:
     """Minimise cost plus penalised defects from ``X0``; never worse than the best point visited."""
-    return _solve(problem, X0, True, "relaxed", _Settling(SETTLED_GAIN), _ROUGH, monitor)
+    return _solve(problem, X0, True, "relaxed", Settling(SETTLED_GAIN), _ROUGH, monitor)
 
 
 def solve_relaxed_again(problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None) -> Outcome:
     """The same from parameters that are all but right."""
-    return _solve(problem, X0, True, "relaxed", _Settling(SETTLED_GAIN, SETTLED_AGAIN), _ROUGH, monitor)
+    return _solve(problem, X0, True, "relaxed", Settling(SETTLED_GAIN, SETTLED_AGAIN), _ROUGH, monitor)
 
 
 def solve_chained(
-    problem: Chained, X0: np.ndarray, monitor: Monitor | None = None, arrived: float = ARRIVED
+    problem: Chained, X0: np.ndarray, monitor: Monitor | None = None, settling: Settling = CLOSE
 ) -> Outcome:
-    """Minimise the cost along paths that are continuous within the windows of ``problem``; the best point visited.
-
-    It ends within ``arrived`` standard errors of the optimum.
-    """
+    """Minimise the cost along paths that are continuous within the windows of ``problem``; the best point visited."""
     options = {"tol": 1e-6, "mu_strategy": "monotone", "mu_init": 1e-7, "max_iter": 40}
-    return _solve(problem, X0, True, "continuous", _Settling(SETTLED_EXACT, arrived=arrived), options, monitor)
+    return _solve(problem, X0, True, "continuous", settling, options, monitor)
 
 
 def solve_exact(problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None, iterations: int = 40) -> Outcome:
@@ -338,4 +341,4 @@ def solve_exact(problem: Shooting, X0: np.ndarray, monitor: Monitor | None = Non
         "acceptable_tol": 1e-3, "acceptable_iter": 2, "acceptable_obj_change_tol": 1e-7,
         "acceptable_constr_viol_tol": 1e-3, "acceptable_dual_inf_tol": 1e-3,
     }  # fmt: skip
-    return _solve(problem, X0, False, "exact", _Settling(SETTLED_EXACT), options, monitor)
+    return _solve(problem, X0, False, "exact", Settling(SETTLED_EXACT), options, monitor)

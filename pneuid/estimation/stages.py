@@ -17,11 +17,13 @@ from pneuid.estimation.chained import Chained
 from pneuid.estimation.refined import Refined
 from pneuid.estimation.shooting import LOOSE, TIGHT, Shooting
 from pneuid.estimation.solver import (
-    ARRIVED,
+    CLOSE,
     CONVERGED,
     INTERRUPTED,
+    NEAR,
     Monitor,
     Outcome,
+    Settling,
     solve_chained,
     solve_exact,
     solve_relaxed,
@@ -53,9 +55,6 @@ STEP_SHARE = 0.4
 FINEST = 16
 """Substeps per sample of the last stage are not raised beyond this by the wish for accuracy."""
 
-
-ROUGHLY = 0.5
-"""Distance from its optimum, in standard errors, that does for a part of a record: the whole is several of them off."""
 
 MISFIT = 1.2
 """Mean squared weighted residual above which standard errors are widened by its root, and the status says so."""
@@ -185,7 +184,7 @@ def sharpened(problem: Shooting, soft: Outcome, samples: int, monitor: Monitor |
     None where no continuous path comes near. Raises ``KeyboardInterrupt`` where it is stopped.
     """
     coarse = _like(problem, soft.X, problem.substeps)
-    path = _continuous(coarse, soft, monitor)
+    path = _continuous(coarse, soft, monitor, NEAR)
     if path is None:
         return None
     spread = uncertainty(coarse, path.X)
@@ -194,7 +193,7 @@ def sharpened(problem: Shooting, soft: Outcome, samples: int, monitor: Monitor |
     if wanted == coarse.substeps:
         return Exact(path, coarse, spread)
     fine = _like(problem, path.X, wanted)
-    return Exact(_walked(Chained(fine), path.X, monitor, ROUGHLY), fine, spread)
+    return Exact(_walked(Chained(fine), path.X, monitor, NEAR), fine, spread)
 
 
 def exact_again(problem: Shooting, soft: Outcome, X: np.ndarray, substeps: int, monitor: Monitor | None) -> Exact | None:
@@ -212,9 +211,9 @@ def exact_again(problem: Shooting, soft: Outcome, X: np.ndarray, substeps: int, 
     return Exact(found, fine, uncertainty(slopes, found.X))
 
 
-def _walked(whole: Chained, X: np.ndarray, monitor: Monitor | None, arrived: float = ARRIVED) -> Outcome:
+def _walked(whole: Chained, X: np.ndarray, monitor: Monitor | None, settling: Settling = CLOSE) -> Outcome:
     """Best path from the first states of ``X``, in the variables of the short intervals."""
-    found = solve_chained(whole, whole.from_base(X), monitor, arrived)
+    found = solve_chained(whole, whole.from_base(X), monitor, settling)
     if found.status == INTERRUPTED:
         raise KeyboardInterrupt
     return replace(found, X=whole.to_base(found.X), success=bool(np.isfinite(found.cost)))
@@ -243,7 +242,9 @@ def _like(problem: Shooting, X: np.ndarray, substeps: int) -> Shooting:
     return made
 
 
-def _continuous(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Outcome | None:
+def _continuous(
+    problem: Shooting, soft: Outcome, monitor: Monitor | None, settling: Settling = CLOSE
+) -> Outcome | None:
     """Best path of one simulation per run, found from the relaxed nodes; through a path with cuts where it must be."""
     enough = NEAR_RELAXED * (soft.cost + soft.penalty)
     end, _ = problem.evaluate_values(soft.X)
@@ -258,7 +259,7 @@ def _continuous(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Ou
         if cuts:
             broken = Chained(problem, cuts)
             X = broken.to_base(solve_chained(broken, broken.from_base(X), monitor).X)
-        found = _walked(Chained(problem), X, monitor)
+        found = _walked(Chained(problem), X, monitor, settling)
         if found.success and found.cost < enough:
             return found
     return None
