@@ -20,7 +20,8 @@ from pneuid.estimation.own import declared
 from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
 from pneuid.estimation.refined import Refined
 from pneuid.estimation.shooting import TIGHT, Shooting
-from pneuid.estimation.stages import Relaxed, loose_cost
+from pneuid.estimation.solver import Outcome
+from pneuid.estimation.stages import Exact, Relaxed, loose_cost
 from pneuid.estimation.thinning import LONG, section, sections
 from pneuid.plant import Plant
 from pneuid.recording import Recording
@@ -249,3 +250,24 @@ def test_the_smoothing_spline_is_the_one_of_least_curvature(even):
 def test_a_relaxed_cost_that_is_known_is_not_sought_again(monkeypatch):
     monkeypatch.setattr("pneuid.estimation.stages.solve_relaxed", lambda *_: pytest.fail("solved"))
     assert loose_cost(None, Relaxed(None, 0.1, 12.0)) == 12.0
+
+
+def test_the_whole_starts_from_the_parameters_of_its_sections_and_the_states_that_begin_a_run():
+    runs, plant = struck(), Plant(rig(), "lugre")
+    few = sections(runs)
+    values, ranges = _values(list(runs)), _ranges()
+    whole, part = (Shooting(plant, held, ["Fc", "C"], values, ranges, 2) for held in (runs, few))
+    rng = np.random.default_rng(5)
+    X, known = (problem.scaling.lower.mean() + rng.uniform(size=problem.size) for problem in (whole, part))
+    X[:2], known[:2] = (whole.scaling.to_q(np.array(q)) for q in ((9.0, 1e-8), (12.0, 1.2e-8)))
+    outcome = Outcome(known, 0.0, 0.0, "done", True, 0, 0.0)
+    started = fitting._starting(whole, X, Exact(outcome, part, None))
+    q, nodes = whole.split(started)
+    assert whole.scaling.to_values(q) == pytest.approx([12.0, 1.2e-8])
+    first = {(one.name, one.t[0]): at for one, at in zip(few, part.first[:-1], strict=True)}
+    own, found = whole.split(X)[1], part.split(known)[1]
+    for run, at in zip(runs, whole.first[:-1], strict=True):
+        same = found[:, first[run.name, 0.0]] if (run.name, 0.0) in first else own[:, at]
+        assert nodes[:, at] == pytest.approx(same)
+    assert nodes[:, 1] == pytest.approx(own[:, 1])
+    assert ("s7.csv", 0.0) not in first, "that run begins masked"
