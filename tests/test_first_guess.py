@@ -87,6 +87,19 @@ def test_the_first_nodes_of_an_effect_s_own_states_lie_on_one_path(name):
     assert np.all(np.sqrt(np.mean(jumps[rows] ** 2, axis=1)) < 3.0 * scales)
 
 
+def test_what_swings_with_little_damping_does_not_build_up_along_the_measurements():
+    """One step a sample made kilometres of the recoil of a mount at 200 rad/s."""
+    rig, run = stored_run()
+    plant = Plant(rig, "lugre", effects_by_name(["mounting_compliance"]))
+    known, theta = nominal_model(TruthServo())
+    true = dict(zip(known.theta_names, theta, strict=True))
+    values = plant.starts() | {key: true[key] for key in plant.parameter_names if key in true}
+    ready = prepare(run, plant, noise_of(rig, [run]))
+    for w in (60.0, 200.0, 500.0):
+        own = first_nodes(plant, [ready], [ready.motion], values | {"w_mount": w, "zeta_mount": 0.05}, 20)
+        assert np.abs(own[plant.states.index("recoil")]).max() < 0.1
+
+
 @dataclass
 class Stub:
     """A relaxed fit that ended so: its cost, the level of its defects, its relaxation and status."""

@@ -17,6 +17,10 @@ from pneuid.physics import motion as mechanics
 from pneuid.physics.gas import R_AIR, RHO_REFERENCE, T_REFERENCE
 from pneuid.physics.smoothing import FINE
 from pneuid.plant import Plant
+from pneuid.step import relaxed
+
+FOLLOWING = 4
+"""Steps a sample in which the states of effects are followed along the measurements."""
 
 WINDOW = 0.01
 """Length over which the chamber balances are integrated, s."""
@@ -180,11 +184,16 @@ def followed_effects(
     core, own = ca.SX.sym("core", count), ca.SX.sym("own", len(plant.effect_states))
     w, theta, step = ca.SX.sym("w", len(plant.inputs)), ca.SX.sym("theta", len(plant.theta_names)), ca.SX.sym("step")
     relaxing = plant.evaluate(ca.vertcat(core, own), w, theta).relaxing[1:]
-    decay = ca.vertcat(*(item[1] for item in relaxing))
-    settled = ca.vertcat(*(item[0] for item in relaxing)) / decay
-    after = settled + (own - settled) * ca.exp(-decay * step)
+    rates = ca.Function("rates", [own, core, w, theta], [ca.vertcat(*(item[0] for item in relaxing)),
+                                                         ca.vertcat(*(item[1] for item in relaxing))])  # fmt: skip
+    after, h = own, step / FOLLOWING
+    for _ in range(FOLLOWING):
+        # through the middle, or what swings with little damping would build up
+        source, decay = rates(after, core, w, theta)
+        source, decay = rates(relaxed(after, source, decay, 0.5 * h), core, w, theta)
+        after = relaxed(after, source, decay, h)
     # sample by sample: a state may hold on or let go depending on where it is itself
-    along = ca.Function("followed", [own, core, w, theta, step], [after, decay]).mapaccum(run.n)
+    along = ca.Function("followed", [own, core, w, theta, step], [after, rates(own, core, w, theta)[1]]).mapaccum(run.n)
     known = {"x": motion.x, "v": motion.v, "z": z}
     known |= {name: _averaged(run.measured(name)) for name in ("p1", "p2") if name in plant.outputs}
     given = np.vstack([run.input(name) for name in plant.inputs])
