@@ -9,7 +9,7 @@ from trials import FIRST, JUDGE, score, stub
 
 from pneuid.criticism import decision, rounds, shown, together, walk
 from pneuid.criticism.decision import _verdict
-from pneuid.criticism.diagnosis import Candidate, Diagnosis
+from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.criticism.screening import Score
 from pneuid.criticism.walk import Walk, _better_without
 from pneuid.effects import CATALOGUE, LAW_STEPS
@@ -93,6 +93,18 @@ def test_a_spring_that_is_no_better_than_a_constant_force_is_one(constant, named
     chosen = walking()._plainest(tried[0], tried)
     assert chosen[0].effect.name == named
     assert rivals(chosen, tried) == beside
+
+
+@pytest.mark.parametrize(
+    ("error", "verdict", "rest"), [(1.1, "ambiguous", False), (30.0, "ambiguous", True), (120.0, "unknown", True)]
+)
+def test_effects_that_cannot_be_told_apart_and_explain_little_stand_beside_something_larger(error, verdict, rest, monkeypatch):
+    monkeypatch.setattr(decision, "_rest", lambda _: Unknown("flow_1", ("p1",), 1.0, "kg/s"))
+    at_end = walking(current=stub(error, 40_000.0))
+    at_end.named, at_end.ambiguous = ["valve_asymmetry"], {"valve_asymmetry": ("heat_transfer",)}
+    found = _verdict(at_end)
+    assert found.verdict == verdict and (found.unknown is not None) == rest
+    assert found.effects == (("valve_asymmetry", "heat_transfer") if verdict == "ambiguous" else ("valve_asymmetry",))
 
 
 def test_a_candidate_that_made_things_worse_stays_where_screening_put_it():

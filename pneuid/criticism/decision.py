@@ -103,19 +103,19 @@ def _verdict(walk: Walk) -> Diagnosis:
     removed = (first.error - current.error) / max(first.error - 1.0, 1e-12)
     explained = explained_share(first, current, first)
     words.append(f"{', '.join(named)}: {100 * explained:.1f} % of the base model's held-out excess explained")
+    # little of the excess gone: what was found stands beside something larger that the catalogue does not hold
+    larger = not adequate and removed < MINOR
     rivals = tuple(name for name in walk.ambiguous.get(named[0], ()) if name not in named)
-    if rivals:
-        return Diagnosis("ambiguous", (named[0], *rivals, *named[1:]), ordered, sentences=tuple(words))
     rest = _rest(current) if not adequate and removed < MOSTLY else None
+    if rivals and not larger:
+        return Diagnosis("ambiguous", (named[0], *rivals, *named[1:]), ordered, rest, sentences=tuple(words))
     if rest is not None:
         words.append("a part of the error remains that no effect of the catalogue explains")
     elif adequate:
         words.append("what remains is noise" if current.error - 1.0 < judge.small else OPEN)
     else:
         words.append("what remains is above noise: these effects may act in a form that differs from the catalogue's")
-    # little of the excess gone: what was found stands beside something larger that the catalogue does not hold
-    verdict = "unknown" if rest is not None and removed < MINOR else "effect"
-    return Diagnosis(verdict, tuple(named), ordered, rest, sentences=tuple(words))
+    return Diagnosis("unknown" if larger else "effect", tuple(named), ordered, rest, sentences=tuple(words))
 
 
 def _rest(trial: Trial) -> Unknown | None:
