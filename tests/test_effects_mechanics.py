@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from pneuid.effect import INTEGRATION_TIME, integrated
 from pneuid.effects import CATALOGUE
+from pneuid.effects.end_cushion import _CLEARANCE
 from pneuid.physics.gas import R_AIR
 from pneuid.plant import Plant
 from pneuid.step import fastest_rates
@@ -194,7 +195,8 @@ def test_a_shut_cushion_keeps_the_mass_of_its_air(share, over, v, u, tau):
     on = {"cushion_1": share, "cushion_2": 0.0, "L_cushion": 0.03, "tau_needle": tau, "n": 1.25}
     found = rates(plant, state, on, u)
     V, growth = rig_.V01 + rig_.A1 * 0.001, rig_.A1 * v
-    stored = (1.0 - share) * V * found["p1"] + share * V * (found["p1"] + found["dp_ring_1"])
+    ring = share * rig_.A1 * (0.001 + _CLEARANCE)
+    stored = (V - ring) * found["p1"] + ring * (found["p1"] + found["dp_ring_1"])
     pushed = ((1.0 - share) * 5e5 + share * (5e5 + over)) * growth
     entered = R_AIR * rig_.temperature * found["mdot1"]
     # 1 mm from the end a cushion of 30 mm is shut but for 0.2 %

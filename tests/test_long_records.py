@@ -159,6 +159,20 @@ def struck() -> tuple[Run, ...]:
     return replace(runs[0], contact=touching), replace(runs[1], data=masked), runs[2]
 
 
+def test_a_point_where_nothing_sees_a_variable_does_not_end_a_fit(monkeypatch):
+    """How far the optimum is cannot be told there; the solver goes on without."""
+
+    def singular(*_: object) -> None:
+        raise RuntimeError("Factor is exactly singular")
+
+    plant = Plant(rig("servo"), "lugre")
+    usual = fit(plant, [servo_run("multisine", 5, 1)])
+    monkeypatch.setattr("pneuid.estimation.solver.factorised", singular)
+    found = fit(plant, [servo_run("multisine", 5, 1)])
+    assert usual.stage == found.stage == "exact"
+    assert found.cost_per_sample == pytest.approx(usual.cost_per_sample, rel=1e-5)
+
+
 def test_a_section_is_cut_from_everything_that_a_run_has():
     run = struck()[0]
     part = section(run, 400, 700)

@@ -187,7 +187,10 @@ class _Evaluator:
         gradient[held] = 0.0
         hessian[self.assembly.hess_diagonal[held]] *= 1e12
         with np.errstate(over="ignore", invalid="ignore"):
-            step = factorised(self.assembly.hessian_matrix(hessian)).solve(gradient)
+            try:
+                step = factorised(self.assembly.hessian_matrix(hessian)).solve(gradient)
+            except RuntimeError:  # SuperLU: a variable that nothing sees at this point
+                return np.inf
             return float(np.sqrt(gradient @ step / self.scale)) if np.all(np.isfinite(step)) else np.inf
 
 
