@@ -74,6 +74,11 @@ def test_costs_are_compared_with_loose_defects_where_one_has_no_others():
     assert rounds.costs(first, current, offset) == [67_100.0, 26_300.0, 25_600.0]
     assert rounds.costs(current, offset) == [35_700.0, 30_300.0]
     assert rounds.accepted([(score("valve_offset", 5e3), offset)], current, first, JUDGE) is None
+    # what takes nearly all that is left, and shows with tight defects, stands although loose ones absorb it
+    gravity = mixed(6.0, 26_100.0, 27_000.0)
+    assert rounds.accepted([(score("gravity", 5e3), gravity)], current, first, JUDGE) is not None
+    unseen = mixed(6.0, 26_100.0, 35_000.0)
+    assert rounds.accepted([(score("gravity", 5e3), unseen)], current, first, JUDGE) is None
 
 
 def test_the_best_on_held_out_runs_is_accepted_not_the_best_on_training_runs():

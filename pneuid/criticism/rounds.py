@@ -163,12 +163,15 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[
         fall = current.error - trial.error
         part = fall / max(excess, 1e-12)
         before, now, after = costs(first, current, trial)
-        drop = now - after
-        told = part >= SOME_SHARE and drop >= CLEAR_DROP * now
-        share = fall / original >= LEAST_SHARE or part >= CLEAR_SHARE or told
-        nearly = part >= NEARLY_ALL and drop >= CLEAR_DROP * now
-        least = LEAST_DROP if nearly else max(LEAST_DROP, LEAST_PART * (before - now))
-        if excess > 0 and fall > 3 * judge.spread and share and drop > least and inside_bounds(score, trial):
+        # beside a first model that only loose defects can carry, these two may have tight ones, which absorb no force
+        standing, ended = costs(current, trial)
+        clear = standing - ended >= CLEAR_DROP * standing
+        share = fall / original >= LEAST_SHARE or part >= CLEAR_SHARE or (part >= SOME_SHARE and clear)
+        if part >= NEARLY_ALL and clear:
+            enough = standing - ended > LEAST_DROP
+        else:
+            enough = now - after > max(LEAST_DROP, LEAST_PART * (before - now))
+        if excess > 0 and fall > 3 * judge.spread and share and enough and inside_bounds(score, trial):
             good.append((score, trial))
     return min(good, key=lambda item: item[1].error) if good else None
 
