@@ -132,7 +132,7 @@ def _servo_experiments(rig: Rig) -> dict[str, np.ndarray]:
     dwell = [(quick, 0.3), (0.1, 0.3), (quick, 0.0), (1.4, 0.0)]
     small = [(0.25, 0.06), (0.5, -0.06), (0.4, 0.04), (0.3, -0.04), (0.15, 0.0)]
     lively = [piece for k in range(8) for piece in [(0.01, 0.9 * (-1) ** k), (0.06, 0.9 * (-1) ** k)]]
-    to_the_ends = [(quick, 0.5), (0.25, 0.5), (quick, 0.1), (0.5, 0.1), (quick, -0.5), (0.7, -0.5), (quick, -0.1), (0.4, -0.1)]
+    to_the_ends = [(quick, 0.5), (0.25, 0.5), (quick, 0.1), (0.3, 0.1), (quick, -0.5), (0.66, -0.5), (quick, -0.1), (0.4, -0.1)]
     found = {
         "large steps with the valve closed between them": pulse,
         "a short step, then a long dwell with the valve closed": dwell,
