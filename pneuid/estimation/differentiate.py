@@ -26,7 +26,11 @@ class Motion:
 
 def _smoothed(s: np.ndarray, x: np.ndarray, lam: float) -> tuple[np.ndarray, np.ndarray]:
     """Values and second derivatives (N,) at its knots ``s`` of the natural cubic spline that minimises the sum of squares to
-    ``x`` plus ``lam`` times the integral of the squared second derivative; Reinsch (1967), eq. (9) to (14)."""
+    ``x`` plus ``lam`` times the integral of the squared second derivative; Reinsch (1967), eq. (9) to (14).
+
+    ``scipy.interpolate.make_smoothing_spline`` is the same curve, but builds its system row by row in Python, which was most of
+    the preparation of a long record.
+    """
     step = np.diff(s)
     left, right = 1.0 / step[:-1], 1.0 / step[1:]
     middle = -left - right
