@@ -9,6 +9,7 @@ import pytest
 from helpers import rig
 
 from pneuid.criticism.decision import diagnose
+from pneuid.criticism.screening import Score, screen
 from pneuid.criticism.trial import judge_of
 from pneuid.criticism.unsettled import unsettled
 from pneuid.effects import CATALOGUE
@@ -96,3 +97,17 @@ def test_the_bristle_of_a_bench_does_not_relax_at_rest(seed):
     assert at_rest.sum() > 50
     assert np.sqrt(np.mean(jumps[at_rest] ** 2)) < 0.6e-6
     assert found.values["Fc"] == pytest.approx(12.0, rel=0.03)
+
+
+def test_a_spring_that_would_have_to_push_is_screened_from_the_other_side():
+    """At its usual force-free position it promises nothing here; a metre away it pulls as the rig's does."""
+
+    def spring(base: Fit) -> Score:
+        (found,) = screen(base, [CATALOGUE["load_spring"]], list(CATALOGUE))
+        return found
+
+    there = spring(fitted(Hidden(load_spring=200.0)))
+    assert there.shapes == {"x_free": 1.0} and there.drop > 1e4
+    assert there.whole_start == {**there.start, "x_free": 1.0}
+    absent = spring(fitted())
+    assert not absent.shapes and absent.drop < 3.0
