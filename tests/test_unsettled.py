@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers import rig
 
+from pneuid.criticism.all_runs import SHOWN_DROP
 from pneuid.criticism.decision import diagnose
 from pneuid.criticism.screening import Score, screen
 from pneuid.criticism.trial import judge_of
@@ -56,7 +57,7 @@ def test_the_verdict_says_that_the_training_runs_leave_it_open():
     assert any("train on runs that cover" in sentence for sentence in found.sentences)
 
 
-def test_what_the_training_runs_show_is_named_although_the_held_out_runs_cannot_judge_it():
+def test_what_all_runs_show_is_named_although_the_held_out_runs_cannot_judge_it():
     hidden = Hidden(friction_direction=0.03)
     base, held = fitted(hidden), [recorded("fast.csv", FAST, 1003, hidden)]
     judge = judge_of(base, [prepare(run, base.plant, base.noise) for run in held])
@@ -64,7 +65,7 @@ def test_what_the_training_runs_show_is_named_although_the_held_out_runs_cannot_
     assert judge.explains(trial) and not judge.learned(trial)
     found = diagnose(base, held, CATALOGUE).diagnosis
     assert found.verdict in ("effect", "ambiguous") and "friction_direction" in found.effects
-    assert any("the training runs show by themselves" in sentence for sentence in found.sentences)
+    assert any("all runs together show" in sentence for sentence in found.sentences)
 
 
 def test_what_is_open_vanishes_on_runs_like_the_training_runs():
@@ -111,3 +112,13 @@ def test_a_spring_that_would_have_to_push_is_screened_from_the_other_side():
     assert there.whole_start == {**there.start, "x_free": 1.0}
     absent = spring(fitted())
     assert not absent.shapes and absent.drop < 3.0
+
+
+def test_what_only_the_held_out_runs_excite_is_named_by_all_of_them():
+    """A mass that is wrong shows in strokes that turn fast, of which training has none."""
+    hidden = Hidden(load_mass=0.5)
+    base, held = fitted(hidden), [recorded("fast.csv", FAST, 1003, hidden)]
+    trained = max(score.drop for score in screen(base, list(CATALOGUE.values()), list(CATALOGUE)))
+    found = diagnose(base, held, CATALOGUE).diagnosis
+    assert trained < SHOWN_DROP
+    assert found.effects == ("load_mass",) and any("all runs together show" in sentence for sentence in found.sentences)

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from trials import FIRST, JUDGE, score, stub
 
-from pneuid.criticism import decision, rounds, shown, together, walk
+from pneuid.criticism import all_runs, decision, rounds, together, walk
 from pneuid.criticism.decision import _verdict
 from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.criticism.screening import Score
@@ -19,7 +19,7 @@ from pneuid.report.summary import verdict_lines
 @pytest.fixture(autouse=True)
 def _amplitudes_are_inside(monkeypatch):
     monkeypatch.setattr(rounds, "inside_bounds", lambda *_: True)
-    monkeypatch.setattr(shown, "inside_bounds", lambda *_: True)
+    monkeypatch.setattr(all_runs, "inside_bounds", lambda *_: True)
 
 
 def walking(judge=JUDGE, refitter=None, current=FIRST) -> Walk:
@@ -158,6 +158,7 @@ def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(
 
     replaced = {
         "_round": one_round, "rung": lambda _self, trial, accepted: (trial, accepted), "backward": lambda _self: None,
+        "_by_all_runs": lambda *_: False,
     }
     for name, stand_in in replaced.items():
         monkeypatch.setattr(Walk, name, stand_in)
@@ -254,7 +255,7 @@ def test_both_effects_are_named_ranked_and_one_rung(monkeypatch):
     at = walking()
     at.ranking = {name: walk._screened(score(name, 1e3)) for name in CATALOGUE}
     monkeypatch.setattr(Walk, "rung", lambda _self, trial, accepted: (trial.added, accepted))
-    monkeypatch.setattr(walk, "_record", lambda ranking, one, *_, **__: ranking.update({one.effect.name: "refitted"}))
+    monkeypatch.setattr(Walk, "_record", lambda own, one, *_, **__: own.ranking.update({one.effect.name: "refitted"}))
     at._take_both(found, ALONE)
     assert at.named == ["gravity", "leakage_internal"] and at.current is found.trial
     assert at.rungs[-1] == ("gravity, leakage_internal", True) and not any(taken for _, taken in at.rungs[:-1])

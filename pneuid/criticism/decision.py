@@ -37,8 +37,8 @@ OPEN = (
 )
 
 SHOWN = (
-    "the training runs leave more than noise themselves, and {} is what shows in them most; "
-    "hold out a run like them to judge it"
+    "the training runs leave more than noise themselves, and {} is what shows most in all runs; "
+    "hold out a run like the training runs to judge it"
 )
 
 
@@ -83,7 +83,7 @@ def _verdict(walk: Walk) -> Diagnosis:
     order = sorted(ranking.values(), key=lambda item: (-max(item.excess_explained or 0.0, 0.0), -item.screen_gain))
     lead = [item for name in named for item in order if item.effect == name]
     ordered = tuple(lead + [item for item in order if item.effect not in named])
-    adequate = judge.explains(current)
+    adequate = walk.pooled or judge.explains(current)
     started, ended = np.sqrt(first.whole), np.sqrt(current.whole)
     usual = f"{np.sqrt(first.error):.2f} and {np.sqrt(current.error):.2f} without the worst tenth of the windows, which decides"
     words = [f"held-out error: {started:.2f} times the noise floor before, {ended:.2f} after ({usual})"]

@@ -223,6 +223,9 @@ def _free(
     if start is None:
         head = padded[:, :, : min(before, padded.shape[2] // K * K)]
         start = _start_states(model, function, _window_guess(model, run)[:1], head, theta, _loose(model))
+        if not model.plant.servo and model.plant.effect_states:
+            # what a seal remembers shows later; the motion is imposed, so no prediction ahead is won by it
+            start = _start_states(model, function, start, padded, theta, _loose(model))
     found = simulate(function, start, padded, theta)
     index = np.arange(run.n)
     return Prediction(run, index, found.outputs[0, :, : run.n], data[-2 * ny : -ny], data[-ny:] > 0), start

@@ -115,6 +115,13 @@ def without(base: Standing, name: str, monitor: Monitor | None = None) -> Fit:
     return _warm(base, plant, {key: base.values[key] for key in plant.parameter_names}, monitor)
 
 
+def on_runs(base: Standing, runs: Sequence[Run], monitor: Monitor | None = None) -> Fit:
+    """The same model fitted to other runs, from its own values."""
+    return fit(
+        base.plant, [run.recording for run in runs], base.values, base.noise, monitor, exact=False, prepared=runs
+    )
+
+
 def _plant_with(base: Standing, asked: Asked, order: Sequence[str]) -> tuple[Plant, dict[str, float]]:
     """The plant with the effect, or with the richer law that it stands for, and the values to start from."""
     position = {name: i for i, name in enumerate(order)}

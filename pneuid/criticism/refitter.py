@@ -9,7 +9,7 @@ from functools import partial
 from importlib.metadata import version
 from typing import Any
 
-from pneuid.criticism.refits import Asked, Standing, afresh, refit, without
+from pneuid.criticism.refits import Asked, Standing, afresh, on_runs, refit, without
 from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
 from pneuid.effects._own_file import own_effects
 from pneuid.estimation.fit import Fit
@@ -100,6 +100,10 @@ class Refitter:
     def without(self, base: Fit, name: str) -> Fit:
         """The fit without one of the effects."""
         return without(Standing.of(base), name, self.monitor)
+
+    def on(self, base: Fit, runs: Sequence[Run]) -> Fit:
+        """The same model fitted to other runs."""
+        return on_runs(Standing.of(base), runs, self.monitor)
 
     def _here(self, base: Fit, standing: Standing, asked: Asked) -> Fit:
         key = self._key(standing, asked)

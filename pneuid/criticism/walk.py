@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
 
+from pneuid.criticism.all_runs import SURE, TELLING, least_shown, shown
 from pneuid.criticism.defects import equation_defects
 from pneuid.criticism.diagnosis import Candidate
 from pneuid.criticism.ladder import Rung
@@ -25,7 +26,6 @@ from pneuid.criticism.rounds import (
     settled,
 )
 from pneuid.criticism.screening import Score, screen
-from pneuid.criticism.shown import FAINT_DROP, SHOWN_DROP, SURE, TELLING, shown
 from pneuid.criticism.together import Joined, joined
 from pneuid.criticism.trial import Judge, Trial
 from pneuid.effect import Effect
@@ -34,9 +34,12 @@ DEFECT_RATIO = 1.5
 """Defect of a balance over what noise alone leaves, below which nothing unknown can be named in any equation."""
 
 SHOWN = (
-    "{} is what the training runs show by themselves: their cost falls by {:.0f}, where nothing is missing by {:.0f} at most; "
-    "the held-out runs cannot judge it, so hold out a run like the training runs"
+    "{} is what all runs together show: fitted to the held-out runs as well, their cost falls by {:.0f}, more than the {:.0f} "
+    "of chance and the method; the held-out runs alone cannot judge it: hold out one like the training runs, or fit to all"
 )
+
+OPEN = "noise and what the training runs leave open explain the held-out error; now all runs are fitted together"
+UNEXPLAINED = "nothing that the training runs suggest explains the held-out runs; now all runs are fitted together"
 
 BETTER_START = (
     "the model that stood before fits better from another start ({:.2f} -> {:.2f} floors); all is measured against that"
@@ -48,8 +51,8 @@ class Walk:
     """Where the diagnosis stands.
 
     current, first : trials of the standing model and of the base; named : effects accepted so far; ambiguous : by the name
-    of an accepted effect, those that explain as much; moved : what was said of better starts, and of what training shows;
-    doubtful : whether noise and open parameters explain the held-out error of the standing model.
+    of an accepted effect, those that explain as much; moved : what was said of better starts, and of what all runs show;
+    pooled : whether all runs decide, to which then the trials are fitted.
     """
 
     judge: Judge
@@ -63,29 +66,48 @@ class Walk:
     named: list[str] = field(default_factory=list)
     ambiguous: dict[str, tuple[str, ...]] = field(default_factory=dict)
     moved: list[str] = field(default_factory=list)
-    doubtful: bool = False
+    pooled: bool = False
 
     def step(self) -> bool:
         """One round; False where there is nothing more to gain."""
-        self.doubtful = self.judge.explains(self.current)
-        if self.named and self.doubtful:
-            return False
+        if self.judge.explains(self.current):
+            return not self.named and self._by_all_runs(OPEN)
         candidates = list(self.catalogue.values())
-        scores = list(screen(self.current.fit, candidates, list(self.catalogue)))
-        for score in scores:
-            self.ranking.setdefault(score.effect.name, _screened(score))
-        self.say(_leading(scores))
-        quiet = self.current.error - 1.0 < self.judge.small
-        least = LEAST_DROP if not self.doubtful else SHOWN_DROP if quiet else FAINT_DROP
-        if self.doubtful and (quiet or self.judge.learned(self.current)) and not any(one.drop > least for one in scores):
-            return False  # the ranking is for the report
-        tried, chosen = self._round(scores, least)
-        if self.current.added is None and not self.doubtful and leaves_much(chosen, self.current):
+        scores = self._screened(self.current)
+        tried, chosen = self._round(scores, LEAST_DROP)
+        if self.current.added is None and leaves_much(chosen, self.current):
             both = joined(self.current, self.first, tried, chosen, self.judge, self.refitter, candidates, self.say)
             if both is not None:
                 self._take_both(both, tried)
                 return True
-        return self._take(chosen, tried)
+        return self._take(chosen, tried) or (not self.named and self._by_all_runs(UNEXPLAINED))
+
+    def _by_all_runs(self, why: str) -> bool:
+        """Accept what all runs together show, the last that can be accepted; its rung is that of a fit to the training runs."""
+        self.say(why)
+        training = self.current.fit.runs
+        base = self.judge.trial(self.refitter.on(self.current.fit, (*training, *self.judge.held)))
+        scores = self._screened(base)
+        least = least_shown(base)
+        if not any(score.drop > least for score in scores):
+            return False
+        both = Walk(self.judge, base, base, self.catalogue, self.refitter, self.say, ranking=self.ranking, pooled=True)
+        tried, chosen = both._round(scores, least)
+        both._take(chosen, tried)
+        self.moved += both.moved
+        for name in both.named:
+            self.named, self.ambiguous, self.pooled = [name], both.ambiguous, True
+            self.current = self.judge.trial(self.refitter.on(both.current.fit, training), name)
+            self.rungs.append(self.rung(self.current, True))
+        return False
+
+    def _screened(self, standing: Trial) -> list[Score]:
+        """Every effect screened on a model; the first screening ranks."""
+        scores = list(screen(standing.fit, list(self.catalogue.values()), list(self.catalogue)))
+        for score in scores:
+            self.ranking.setdefault(score.effect.name, _screened(score))
+        self.say(_leading(scores))
+        return scores
 
     def backward(self) -> None:
         """Try to drop each accepted effect but the last; keep the smaller model where the held-out error hardly rises."""
@@ -119,14 +141,13 @@ class Walk:
 
     def _best(self, tried: Tried) -> tuple[Score, Trial] | None:
         """The trial to accept, if any: what the held-out runs say, or the training runs where those cannot judge."""
-        if self.doubtful:
+        if self.pooled:
             return next(iter(shown(tried, self.current, self.judge)), None)
         return accepted(tried, self.current, self.first, self.judge)
 
     def _needs_second_looks(self, chosen: tuple[Score, Trial] | None) -> bool:
         """Whether much is left that the leading effects do not explain."""
-        untold = chosen is None and not self.judge.learned(self.current)
-        wanting = untold if self.doubtful else leaves_much(chosen, self.current)
+        wanting = not self.pooled and leaves_much(chosen, self.current)
         return self.current.added is None and wanting and loudest(self.current) > DEFECT_RATIO
 
     def _by_one_floor(self, tried: Tried) -> Tried:
@@ -141,7 +162,7 @@ class Walk:
             self.say(self.moved[-1])
             self.first, self.current = (self.first if self.named else smaller), smaller
         for score, trial in tried:
-            _record(self.ranking, score, trial, self.current, self.first, keep=bool(self.named))
+            self._record(score, trial, keep=bool(self.named))
         if chosen is not None and smaller is None:
             chosen = self._plainest(chosen, tried)
         self.rungs += [
@@ -152,8 +173,8 @@ class Walk:
         if smaller is not None:
             own = self.rung(smaller, True)
             self.rungs = [*self.rungs, own] if self.named else [own, *self.rungs[1:]]
-            self.doubtful = self.judge.explains(self.current)
-            if self._best([chosen]) is None:
+            cannot_judge = not self.pooled and self.judge.explains(self.current)
+            if cannot_judge or self._best([chosen]) is None:
                 self.rungs.append(self.rung(chosen[1], False))
                 return True
         self._accept([chosen[0].effect.name], chosen, tried)
@@ -163,7 +184,7 @@ class Walk:
         """Accept two effects at once."""
         self.judge, self.current, self.first = both.judge, both.current, both.original
         for score, trial in (*tried, both.firsts[0], (both.second, both.trial)):
-            _record(self.ranking, score, trial, self.current, self.first, keep=False)
+            self._record(score, trial, keep=False)
         self.rungs += [self.rung(trial, False) for _, trial in tried]
         self._accept(both.names, both.firsts[0], both.firsts)
 
@@ -171,9 +192,9 @@ class Walk:
         trial = chosen[1]
         self.rungs.append(self.rung(trial, True))
         self.named += names
-        if self.doubtful:
+        if self.pooled:
             now, after = costs(self.current, trial)
-            self.moved.append(SHOWN.format(names[0], now - after, LEAST_DROP))
+            self.moved.append(SHOWN.format(names[0], now - after, least_shown(self.current)))
         self.ambiguous[names[0]] = tuple(score.effect.name for score, _ in self._rivals(chosen, tried))
         errors = f"{np.sqrt(self.current.error):.1f} -> {np.sqrt(trial.error):.1f}"
         self.say(f"{' and '.join(names)} accepted: held-out error {errors} floors without the worst tenth")
@@ -181,8 +202,7 @@ class Walk:
 
     def _rivals(self, chosen: tuple[Score, Trial], tried: Tried) -> Tried:
         """Other effects that explain as much as the chosen one; a friction law that contains it is none."""
-        by_training = self.doubtful
-        found = shown(tried, self.current, self.judge) if by_training else _alike(chosen, tried, self.current, self.judge)
+        found = shown(tried, self.current, self.judge) if self.pooled else _alike(chosen, tried, self.current, self.judge)
         others = [pair for pair in found if pair[0] is not chosen[0]]
         return [pair for pair in others if not _contains(pair, chosen, self.current)]
 
@@ -190,6 +210,23 @@ class Walk:
         """The chosen effect, or what it is in a limit where it gains nothing by being more."""
         plainer = [pair for pair in self._rivals(chosen, tried) if _contains(chosen, pair, self.current)]
         return min(plainer, key=lambda pair: len(pair[1].fit.plant.parameters), default=chosen)
+
+    def _record(self, score: Score, trial: Trial, keep: bool) -> None:
+        """Put a refit's evidence into the ranking; that of the first round stands. Of one to all runs nothing is held out."""
+        name, known = score.effect.name, self.ranking[score.effect.name]
+        if keep and known.hold_out_error_ratio is not None:
+            return
+        drop = self.current.fit.loose_cost - trial.fit.loose_cost
+        chance = float(chi2.sf(max(2 * drop, 0.0), max(score.freedom, 1)))
+        if self.pooled:
+            self.ranking[name] = replace(known, p_value=chance)
+            return
+        self.ranking[name] = Candidate(
+            effect=name, equation=score.effect.equation, screen_gain=score.gain,
+            hold_out_error_ratio=float(np.sqrt(trial.whole / self.current.whole)) if np.isfinite(trial.whole) else None,
+            excess_explained=explained_share(self.current, trial, self.first),
+            p_value=chance, indistinguishable_from=score.group,
+        )  # fmt: skip
 
     def rung(self, trial: Trial, accepted: bool) -> Rung:
         """The trial as a rung of the ladder."""
@@ -229,22 +266,6 @@ def _leading(scores: Sequence[Score]) -> str:
 
 def _screened(score: Score) -> Candidate:
     return Candidate(score.effect.name, score.effect.equation, score.gain, indistinguishable_from=score.group)
-
-
-def _record(
-    ranking: dict[str, Candidate], score: Score, trial: Trial, current: Trial, first: Trial, keep: bool
-) -> None:
-    """Put a refit's evidence into the ranking; that of the first round stands."""
-    name = score.effect.name
-    if keep and ranking[name].hold_out_error_ratio is not None:
-        return
-    drop = current.fit.loose_cost - trial.fit.loose_cost
-    ranking[name] = Candidate(
-        effect=name, equation=score.effect.equation, screen_gain=score.gain,
-        hold_out_error_ratio=float(np.sqrt(trial.whole / current.whole)) if np.isfinite(trial.whole) else None,
-        excess_explained=explained_share(current, trial, first),
-        p_value=float(chi2.sf(max(2 * drop, 0.0), max(score.freedom, 1))), indistinguishable_from=score.group,
-    )  # fmt: skip
 
 
 def _alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge) -> Tried:

@@ -1,0 +1,44 @@
+"""What all runs together show, where the held-out runs cannot judge.
+
+Held-out runs that ask for what the training runs leave open of the parameters, or that do not excite an effect, say nothing
+for or against it by their error alone. But no parameters of a model that lacks it fit both them and the training runs:
+fitted together, the two show it beyond doubt all the same.
+"""
+
+from __future__ import annotations
+
+from pneuid.criticism.rounds import Tried, costs, inside_bounds
+from pneuid.criticism.screening import Score
+from pneuid.criticism.trial import Judge, Trial
+
+SHOWN_DROP, SHOWN_SHARE = 30.0, 0.005
+"""Drop of half the sum of squares of all runs, and share of it, that show an effect: smoothing of the motion and the step's own
+error leave traces that grow with the number of samples, a force that lags by half a sample among them (0.3 %)."""
+
+TELLING = 0.03
+"""Share of the held-out excess, or of the gain on the runs fitted to, by which the better of two effects must lead
+to be told from the other: the error 200 ms ahead has heavy tails, at break-away, that make smaller leads accidental."""
+
+SURE = 5.0
+"""Half the sum of squares by which it must lead on the runs fitted to at least: 3 standard deviations."""
+
+
+def least_shown(current: Trial) -> float:
+    """Drop of half the sum of squares from which a model of all runs shows that it lacks an effect."""
+    return max(SHOWN_DROP, SHOWN_SHARE * current.fit.relaxed_cost)
+
+
+def shown(tried: Tried, current: Trial, judge: Judge) -> list[tuple[Score, Trial]]:
+    """Effects that all runs show, and those that cannot be told from the best of them; the best one first.
+
+    ``tried`` and ``current`` are fitted to the training and the held-out runs together; with each of the effects noise is
+    enough to explain both.
+    """
+    least = least_shown(current)
+    drops = [(now - after, score, trial) for score, trial in tried for now, after in [costs(current, trial)]]
+    found = [
+        (drop, score, trial)
+        for drop, score, trial in sorted(drops, key=lambda item: -item[0])
+        if drop > least and inside_bounds(score, trial) and judge.learned(trial)
+    ]
+    return [(score, trial) for drop, score, trial in found if found[0][0] - drop < max(TELLING * found[0][0], SURE)]

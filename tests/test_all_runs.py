@@ -1,0 +1,115 @@
+"""What all runs together show where the held-out runs cannot judge."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from trials import score, stub
+
+from pneuid.criticism import all_runs as module
+from pneuid.criticism import walk
+from pneuid.criticism.all_runs import least_shown, shown
+from pneuid.criticism.diagnosis import Candidate
+from pneuid.criticism.walk import Walk
+from pneuid.effects import CATALOGUE
+
+BASE = stub(1.2, 14_000.0)
+"""A bench's model that lacks something, fitted to all runs."""
+
+
+def judge(learned: float = 1.1) -> SimpleNamespace:
+    """Training errors stand in the cost here: all trials have learned unless their cost says otherwise."""
+    return SimpleNamespace(
+        spread=0.02, small=0.15, explains=lambda _: True, learned=lambda trial: trial.fit.relaxed_cost < 14_000.0 * learned,
+        held=("held",),
+    )  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def _amplitudes_are_inside(monkeypatch):
+    monkeypatch.setattr(module, "inside_bounds", lambda *_: True)
+
+
+def names(*ends: tuple[str, float], by: SimpleNamespace | None = None) -> list[str]:
+    tried = [(score(name, 500.0), stub(1.0, cost, name)) for name, cost in ends]
+    return [one.effect.name for one, _ in shown(tried, BASE, by or judge())]
+
+
+@pytest.mark.parametrize(("cost", "named"), [(13_900.0, True), (13_935.0, False), (13_975.0, False)])
+def test_what_all_runs_show(cost, named):
+    """Half a percent of the cost is asked for, as what smoothing leaves grows with the number of samples."""
+    assert names(("load_mass", cost)) == (["load_mass"] if named else [])
+
+
+def test_of_few_samples_chance_is_asked_to_be_exceeded():
+    assert least_shown(stub(1.2, 1_000.0)) == module.SHOWN_DROP
+
+
+def test_what_does_not_leave_noise_alone_is_not_shown():
+    assert names(("load_mass", 13_000.0), by=judge(learned=0.9)) == []
+
+
+def test_the_largest_fall_is_named_and_what_cannot_be_told_from_it_beside_it():
+    ends = [("friction_position", 13_700.0), ("load_mass", 13_200.0), ("gravity", 13_210.0)]
+    assert names(*ends) == ["load_mass", "gravity"]
+    assert names(*ends[:2]) == ["load_mass"]
+
+
+class Refits:
+    """Stands for refits: the model that is asked for, fitted to the runs that are asked for."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[object, ...]] = []
+
+    def on(self, _: object, runs: tuple[object, ...]) -> SimpleNamespace:
+        self.asked.append(runs)
+        return SimpleNamespace(runs=runs, relaxed_cost=14_000.0, loose_cost=14_000.0, problem=SimpleNamespace(relaxation=0.1))
+
+
+def walking(monkeypatch, drop: float, cost: float, learned: float = 1.1) -> tuple[Walk, Refits, list[float]]:
+    """A walk whose screening promises ``drop`` of load_mass on all runs, with which the cost ends at ``cost``."""
+    least: list[float] = []
+    promised = score("load_mass", drop)
+    made = stub(1.0, cost, "load_mass")
+    made.fit.runs = ("slow", "held")
+
+    def refits(*given: object) -> list[object]:
+        least.append(given[-1])  # type: ignore[arg-type]
+        return [(promised, made)]
+
+    monkeypatch.setattr(walk, "screen", lambda *_: [promised])
+    monkeypatch.setattr(walk, "refitted", refits)
+    monkeypatch.setattr(walk, "same_floor", lambda by, current, first, found: (by, current, first, found))
+    monkeypatch.setattr(walk, "settled", lambda trial, *_: trial)
+    monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
+    monkeypatch.setattr(walk, "_better_without", lambda *_: None)
+    monkeypatch.setattr(Walk, "rung", lambda _, trial, accepted: (trial.added, accepted, trial.fit.runs))
+    base, by, refitter = stub(1.8, 14_000.0), judge(learned), Refits()
+    base.fit.runs = ("slow",)
+    by.trial = lambda fit, added=None: SimpleNamespace(fit=fit, added=added, error=2.1, whole=2.1)
+    return Walk(by, base, base, {"load_mass": CATALOGUE["load_mass"]}, refitter, lambda _: None), refitter, least
+
+
+@pytest.mark.parametrize(("drop", "learned", "asked"), [(60.0, 1.1, 0), (90.0, 1.1, 1), (60.0, 0.9, 0)])
+def test_refits_are_made_where_all_runs_may_show_something(drop, learned, asked, monkeypatch):
+    going, _, least = walking(monkeypatch, drop, 14_000.0, learned)
+    assert not going.step()
+    assert least == [70.0] * asked and going.named == []
+
+
+def test_what_all_runs_show_is_named_and_its_rung_is_of_the_training_runs(monkeypatch):
+    going, refitter, _ = walking(monkeypatch, 500.0, 13_500.0)
+    assert not going.step(), "where the held-out runs cannot judge, nothing follows"
+    assert going.named == ["load_mass"]
+    assert refitter.asked == [("slow", "held"), ("slow",)]
+    assert going.rungs == [("load_mass", True, ("slow",))] and going.current.fit.runs == ("slow",)
+    assert any("fitted to the held-out runs as well" in sentence for sentence in going.moved)
+
+
+def test_the_ranking_claims_nothing_held_out_of_a_fit_to_all_runs(monkeypatch):
+    going, _, _ = walking(monkeypatch, 500.0, 13_500.0)
+    going.step()
+    found: Candidate = going.ranking["load_mass"]
+    assert found.hold_out_error_ratio is None and found.excess_explained is None
+    assert found.p_value is not None and found.p_value < 1e-9
