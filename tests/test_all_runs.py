@@ -11,7 +11,7 @@ from pneuid.criticism import all_runs as module
 from pneuid.criticism import walk
 from pneuid.criticism.all_runs import least_shown, shown
 from pneuid.criticism.diagnosis import Candidate
-from pneuid.criticism.walk import Walk
+from pneuid.criticism.walk import Walk, explained_away
 from pneuid.effects import CATALOGUE
 
 BASE = stub(1.2, 14_000.0)
@@ -22,7 +22,7 @@ def judge(learned: float = 1.1) -> SimpleNamespace:
     """Training errors stand in the cost here: all trials have learned unless their cost says otherwise."""
     return SimpleNamespace(
         spread=0.02, small=0.15, explains=lambda _: True, learned=lambda trial: trial.fit.relaxed_cost < 14_000.0 * learned,
-        held=("held",),
+        fits=lambda _: 1.0, held=("held",),
     )  # fmt: skip
 
 
@@ -113,3 +113,11 @@ def test_the_ranking_claims_nothing_held_out_of_a_fit_to_all_runs(monkeypatch):
     found: Candidate = going.ranking["load_mass"]
     assert found.hold_out_error_ratio is None and found.excess_explained is None
     assert found.p_value is not None and found.p_value < 1e-9
+
+
+@pytest.mark.parametrize(("trained", "defect", "excused"), [(4.0, 2.7, True), (200.0, 1.2, True), (200.0, 2.7, False)])
+def test_what_does_not_explain_the_training_runs_is_not_excused_by_what_they_leave_open(trained, defect, excused, monkeypatch):
+    monkeypatch.setattr(walk, "loudest", lambda _: defect)
+    by = judge()
+    by.fits = lambda _: trained
+    assert explained_away(BASE, by) == excused

@@ -15,7 +15,7 @@ from scipy.sparse.linalg import spsolve
 from pneuid.criticism.decision import Verdict, diagnose
 from pneuid.criticism.defect_shapes import defect_shapes
 from pneuid.criticism.prediction import Frozen, Prediction, noise_floor, predict, rmse, typical
-from pneuid.criticism.screening import Fitted, Score, screen, screened
+from pneuid.criticism.screening import Batch, Fitted, Score, screen, screened
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.assembly import relaxed_system
 from pneuid.estimation.fit import Fit, fit
@@ -293,3 +293,18 @@ def test_the_leak_follows_the_measured_defect_and_a_spring_does_not():
     assert np.corrcoef(leak.measured, leak.taken)[0, 1] > 0.8
     assert leak.share > 0.25
     assert spring.share < 0.1
+
+
+def test_an_effect_whose_states_run_away_promises_nothing(monkeypatch):
+    whole = Batch.change
+
+    def change(self: Batch, moved: dict[str, float], nodes: np.ndarray) -> np.ndarray:
+        own = self.plant.own_parameters("friction_lag") if "friction_lag" in {e.name for e in self.plant.effects} else ()
+        found = whole(self, moved, nodes)
+        return np.full_like(found, np.inf) if set(moved) & set(own) else found
+
+    chosen = [CATALOGUE[name] for name in ("leakage_internal", "friction_lag")]
+    usual = {score.effect.name: score.drop for score in screen(base_fit("leakage_internal"), chosen, list(CATALOGUE))}
+    monkeypatch.setattr(Batch, "change", change)
+    found = {score.effect.name: score.drop for score in screen(base_fit("leakage_internal"), chosen, list(CATALOGUE))}
+    assert found["friction_lag"] == 0.0 and found["leakage_internal"] == pytest.approx(usual["leakage_internal"])

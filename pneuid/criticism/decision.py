@@ -19,14 +19,14 @@ from pneuid.criticism.ladder import Rung
 from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.rounds import LEAST_DROP, Say
 from pneuid.criticism.trial import Trial, judge_of
-from pneuid.criticism.walk import DEFECT_RATIO, Walk, explained_share, loudest
+from pneuid.criticism.walk import DEFECT_RATIO, Walk, explained_away, explained_share, loudest
 from pneuid.effect import Effect
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import prepare
 from pneuid.recording import Recording
 
-MOSTLY, MINOR = 0.9, 0.25
-"""Shares of the excess explained: below the first a rest is reported, below the second the rest is the verdict."""
+MOSTLY, MINOR = 0.9, 0.5
+"""Shares of the excess explained: below the first a rest is reported, below the second the rest, then more, is the verdict."""
 
 MOST_ROUNDS = 4
 """Rounds of the walk, each of which accepts an effect, two at once, or a better start."""
@@ -83,7 +83,7 @@ def _verdict(walk: Walk) -> Diagnosis:
     order = sorted(ranking.values(), key=lambda item: (-max(item.excess_explained or 0.0, 0.0), -item.screen_gain))
     lead = [item for name in named for item in order if item.effect == name]
     ordered = tuple(lead + [item for item in order if item.effect not in named])
-    adequate = walk.pooled or judge.explains(current)
+    adequate = walk.pooled or explained_away(current, judge)
     started, ended = np.sqrt(first.whole), np.sqrt(current.whole)
     usual = f"{np.sqrt(first.error):.2f} and {np.sqrt(current.error):.2f} without the worst tenth of the windows, which decides"
     words = [f"held-out error: {started:.2f} times the noise floor before, {ended:.2f} after ({usual})"]

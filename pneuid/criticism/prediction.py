@@ -85,12 +85,17 @@ def _function(model: Frozen, runs: Sequence[Run]) -> IntervalFunction:
     return interval_function(model.plant, (), node_every(dt), model.substeps)
 
 
+def _stiffness(model: Frozen) -> float:
+    """Stiffness of the model's bristle, N/m."""
+    if not model.plant.law.static:
+        return float(model.values["sigma0"])
+    theta = dict(zip(model.plant.theta_names, model.plant.theta(model.values, model.ranges), strict=True))
+    return float(theta["carrier_stiffness"])
+
+
 def _break_away(model: Frozen) -> float:
     """Bristle deflection in m at which the model breaks away: the scale of the bristle states that can occur."""
-    values, plant = model.values, model.plant
-    theta = dict(zip(plant.theta_names, plant.theta(values, model.ranges), strict=True))
-    stiffness = theta["carrier_stiffness"] if plant.law.static else values["sigma0"]
-    return float(values.get("Fs", values["Fc"]) / stiffness)
+    return float(model.values.get("Fs", model.values["Fc"])) / _stiffness(model)
 
 
 def _loose(model: Frozen) -> np.ndarray:
@@ -239,16 +244,24 @@ def predict(model: Frozen, runs: Sequence[Run]) -> list[Prediction]:
 def predict_apart(model: Frozen, runs: Sequence[Run], others: Iterable[Frozen]) -> Iterator[list[Prediction]]:
     """What models with other numbers predict beside what ``model`` predicts, both from its start states.
 
-    In each prediction ``measured`` is that of ``model``.
+    A bristle starts with the same force, which the measurements tell, not with the same deflection. In each prediction
+    ``measured`` is that of ``model``.
     """
-    function = _function(model, runs)
+    function, z = _function(model, runs), model.plant.explicit_count
     one = _ahead if model.plant.servo else _free
     known: list[tuple[Prediction, Any]] = [one(model, function, run, run.data) for run in runs]
     for other in others:
-        yield [
-            replace(one(other, function, run, run.data, start)[0], measured=here.predicted)
-            for run, (here, start) in zip(runs, known, strict=True)
-        ]
+        softer, found = _stiffness(model) / _stiffness(other), []
+        for run, (here, start) in zip(runs, known, strict=True):
+            found.append(replace(one(other, function, run, run.data, _stretched(start, z, softer))[0], measured=here.predicted))
+        yield found
+
+
+def _stretched(start: Any, z: int, ratio: float) -> Any:
+    """Start states with the bristle's deflection, state ``z``, times ``ratio``."""
+    states = (start.states if isinstance(start, Starts) else start).copy()
+    states[:, z] *= ratio
+    return replace(start, states=states) if isinstance(start, Starts) else states
 
 
 def rmse(predictions: Sequence[Prediction], outputs: Sequence[str]) -> dict[str, float]:

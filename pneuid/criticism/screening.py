@@ -236,7 +236,9 @@ class _Columns:
             q = self.at.copy()
             q[j] += STEP
             moved = {item.name: float(self.scaling.to_values(q)[j])}
-            self.raw[:, j] = batch.change(shapes | moved, nodes) / STEP
+            column = batch.change(shapes | moved, nodes) / STEP
+            # states with shapes too fast for the sampling of these records run away: nothing is promised then
+            self.raw[:, j] = column if np.isfinite(column).all() else 0.0
         self.base = fitted.cross(self.raw)
         prior = np.array([_prior(item) for item in self.items]).reshape(-1, 2)
         solved = fitted.solver.solve(self.base)

@@ -33,6 +33,10 @@ from pneuid.effect import Effect
 DEFECT_RATIO = 1.5
 """Defect of a balance over what noise alone leaves, below which nothing unknown can be named in any equation."""
 
+FAR_OFF = 3.0
+"""Error on the training runs, in floors, from which what they leave open of the parameters is no excuse for the held-out error,
+where a balance leaves a defect above noise as well."""
+
 SHOWN = (
     "{} is what all runs together show: fitted to the held-out runs as well, their cost falls by {:.0f}, more than the {:.0f} "
     "of chance and the method; the held-out runs alone cannot judge it: hold out one like the training runs, or fit to all"
@@ -70,7 +74,7 @@ class Walk:
 
     def step(self) -> bool:
         """One round; False where there is nothing more to gain."""
-        if self.judge.explains(self.current):
+        if explained_away(self.current, self.judge):
             return not self.named and self._by_all_runs(OPEN)
         candidates = list(self.catalogue.values())
         scores = self._screened(self.current)
@@ -173,7 +177,7 @@ class Walk:
         if smaller is not None:
             own = self.rung(smaller, True)
             self.rungs = [*self.rungs, own] if self.named else [own, *self.rungs[1:]]
-            cannot_judge = not self.pooled and self.judge.explains(self.current)
+            cannot_judge = not self.pooled and explained_away(self.current, self.judge)
             if cannot_judge or self._best([chosen]) is None:
                 self.rungs.append(self.rung(chosen[1], False))
                 return True
@@ -238,6 +242,12 @@ def loudest(trial: Trial) -> float:
     """Largest defect of a balance over what noise alone leaves; on a bench, which has no such defects, that of the force."""
     ratios = [item.rms / max(item.expected_rms, 1e-12) for item in equation_defects(trial.fit)]
     return max(ratios, default=float(np.sqrt(trial.error)))
+
+
+def explained_away(trial: Trial, judge: Judge) -> bool:
+    """Whether noise, and what the training runs leave open of the parameters, are all that the held-out error needs."""
+    unlearned = judge.fits(trial) > FAR_OFF**2 and loudest(trial) > DEFECT_RATIO
+    return judge.explains(trial) and not unlearned
 
 
 def explained_share(before: Trial, after: Trial, first: Trial) -> float:
