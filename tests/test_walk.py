@@ -166,7 +166,8 @@ def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(
     monkeypatch.setattr(walk, "_better_without", lambda *_: smaller)
     monkeypatch.setattr(walk, "joined", lambda *_: None)
     monkeypatch.setattr(decision, "judge_of", lambda *_: judge)
-    monkeypatch.setattr(decision, "_verdict", lambda ended: Diagnosis("effect", tuple(ended.named), ()))
+    monkeypatch.setattr(decision, "too_slow", lambda _: None)
+    monkeypatch.setattr(decision, "_verdict", lambda ended, _: Diagnosis("effect", tuple(ended.named), ()))
     found = decision.diagnose(base, [], CATALOGUE, refitter=SimpleNamespace())
     assert turns[1] is (chosen if named else smaller)
     assert found.base is smaller.fit

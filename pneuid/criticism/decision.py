@@ -17,7 +17,8 @@ from pneuid.criticism.defects import equation_defects, node_jumps
 from pneuid.criticism.diagnosis import Diagnosis, Unknown
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.rounds import LEAST_DROP, Say
+from pneuid.criticism.rounds import ACTING_ON, LEAST_DROP, Say
+from pneuid.criticism.too_slow import too_slow
 from pneuid.criticism.trial import Trial, judge_of
 from pneuid.criticism.walk import DEFECT_RATIO, Walk, explained_away, explained_share, loudest
 from pneuid.effect import Effect
@@ -66,30 +67,36 @@ def diagnose(
     the order of maps at shared ports.
     """
     judge = judge_of(base, [prepare(run, base.plant, base.noise) for run in hold_out])
-    current = judge.trial(base)
-    walk = Walk(judge, current, current, catalogue, refitter or Refitter(list(catalogue)), say)
+    current, slow = judge.trial(base), too_slow(base)
+    judged = {name: one for name, one in catalogue.items() if slow is None or one.equation not in ACTING_ON["force"]}
+    walk = Walk(judge, current, current, judged, refitter or Refitter(list(catalogue)), say)
+    walk.moved += [] if slow is None else [slow]
     walk.rungs.append(walk.rung(current, True))
     for _ in range(MOST_ROUNDS):
         if not walk.step():
             break
     walk.backward()
-    found = _verdict(walk)
+    found = _verdict(walk, slow is not None)
     return Verdict(replace(found, sentences=(*found.sentences, *walk.moved)), walk.current.fit, walk.first.fit, walk.rungs)
 
 
-def _verdict(walk: Walk) -> Diagnosis:
+def _verdict(walk: Walk, slow: bool = False) -> Diagnosis:
+    """The verdict on where a walk ended, on runs that are too slow to judge what acts on the piston or not."""
     named, current, first, judge, ranking = walk.named, walk.current, walk.first, walk.judge, walk.ranking
     # one that was refitted and made things worse stays where screening put it
     order = sorted(ranking.values(), key=lambda item: (-max(item.excess_explained or 0.0, 0.0), -item.screen_gain))
     lead = [item for name in named for item in order if item.effect == name]
     ordered = tuple(lead + [item for item in order if item.effect not in named])
-    adequate = walk.pooled or explained_away(current, judge)
+    excused = explained_away(current, judge)
+    adequate = walk.pooled or slow or excused
     started, ended = np.sqrt(first.whole), np.sqrt(current.whole)
     usual = f"{np.sqrt(first.error):.2f} and {np.sqrt(current.error):.2f} without the worst tenth of the windows, which decides"
     words = [f"held-out error: {started:.2f} times the noise floor before, {ended:.2f} after ({usual})"]
     if not named:
         if current.error - 1.0 < judge.small:
             return Diagnosis("adequate", (), ordered, sentences=(*words, "nothing is missing above the noise"))
+        if slow:
+            return Diagnosis("adequate", (), ordered, sentences=tuple(words))
         if adequate:
             plain = not judge.learned(current) and ordered and ordered[0].screen_gain * current.fit.relaxed_cost > LEAST_DROP
             shown = (SHOWN.format(ordered[0].effect),) if plain else ()
@@ -102,7 +109,8 @@ def _verdict(walk: Walk) -> Diagnosis:
         )
     removed = (first.error - current.error) / max(first.error - 1.0, 1e-12)
     explained = explained_share(first, current, first)
-    words.append(f"{', '.join(named)}: {100 * explained:.1f} % of the base model's held-out excess explained")
+    if explained > 0.0 or not walk.pooled:  # what all runs show may predict worse while the training runs leave it open
+        words.append(f"{', '.join(named)}: {100 * explained:.1f} % of the base model's held-out excess explained")
     # little of the excess gone: what was found stands beside something larger that the catalogue does not hold
     larger = not adequate and removed < MINOR
     rivals = tuple(name for name in walk.ambiguous.get(named[0], ()) if name not in named)
@@ -111,9 +119,11 @@ def _verdict(walk: Walk) -> Diagnosis:
         return Diagnosis("ambiguous", (named[0], *rivals, *named[1:]), ordered, rest, sentences=tuple(words))
     if rest is not None:
         words.append("a part of the error remains that no effect of the catalogue explains")
-    elif adequate:
-        words.append("what remains is noise" if current.error - 1.0 < judge.small else OPEN)
-    else:
+    elif current.error - 1.0 < judge.small:
+        words.append("what remains is noise")
+    elif excused:
+        words.append(OPEN)
+    elif not adequate:
         words.append("what remains is above noise: these effects may act in a form that differs from the catalogue's")
     return Diagnosis("unknown" if larger else "effect", tuple(named), ordered, rest, sentences=tuple(words))
 

@@ -144,7 +144,7 @@ class Walk:
         return tried, chosen
 
     def _best(self, tried: Tried) -> tuple[Score, Trial] | None:
-        """The trial to accept, if any: what the held-out runs say, or the training runs where those cannot judge."""
+        """The trial to accept, if any: what the held-out runs say, or all runs where those cannot judge."""
         if self.pooled:
             return next(iter(shown(tried, self.current, self.judge)), None)
         return accepted(tried, self.current, self.first, self.judge)
