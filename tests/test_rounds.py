@@ -210,6 +210,24 @@ def _looks(monkeypatch, errors, scores, tried=(), defects=(), afresh=None, jumps
     return refitter, rounds.second_looks(FIRST, scores, list(tried), judge, refitter, lambda _: None)
 
 
+@pytest.mark.parametrize(
+    ("left", "promised", "made"), [(15.0, 15_000.0, ["exhaust_restriction"]), (15.0, 13_000.0, []), (1.05, 15_000.0, [])]
+)
+def test_what_promises_most_at_a_typical_step_is_refitted_from_there(left, promised, made, monkeypatch):
+    """Where the leading effect leaves something: it promises 9000, the silencer 39 at zero."""
+    start = {"r_exhaust": 1.5}
+    scores = [score("heat_transfer", 9000.0), score("gravity", 2000.0), score("exhaust_restriction", 39.0)]
+    steps = {"exhaust_restriction": Jump(promised, start), "gravity": Jump(2000.0, {})}
+    monkeypatch.setattr(rounds, "jumped", lambda *_: steps)
+    monkeypatch.setattr(rounds, "_typical_start", lambda *_: {})
+    judge = SimpleNamespace(spread=0.02, small=0.15, trial=lambda _fit, name: stub(1.2, 20_000.0, name))
+    refitter, tried = Counting(), [(scores[0], stub(left, 30_000.0, "heat_transfer"))]
+    refitter.order = list(CATALOGUE)  # type: ignore[attr-defined]
+    found = rounds.overtaking(FIRST, scores, tried, judge, refitter, lambda _: None)
+    assert refitter.made == made and [one.effect.name for one, _ in found] == ["heat_transfer", *made]
+    assert not made or (refitter.asked[0].start == start and refitter.asked[0].way == 1.0)
+
+
 def _small(name: str, drop: float) -> Score:
     return replace(score(name, drop), start={"small": True})
 

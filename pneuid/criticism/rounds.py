@@ -59,6 +59,10 @@ SMALL = 0.5
 TYPICAL = 3.0
 """Amplitude, in units of its scale, from which such an effect is refitted."""
 
+OVERTAKES, STEPS = 1.5, 2
+"""Times the leading prediction that a step of a typical size must promise for its effect to be refitted from there although it
+promises little at zero, and how many at most: a silencer is not felt while the edge before it stays choked."""
+
 ACTING_ON = {
     "force": ("force", "friction"),
     "pressure_1": ("flow_1", "flow_2", "pressure_1", "valve"),
@@ -100,6 +104,22 @@ def refitted(
             trial = _with_break_away(trial, current, score, judge, refitter, say)
         tried.append((score, trial))
     return tried
+
+
+def overtaking(
+    current: Trial, scores: Sequence[Score], tried: Tried, judge: Judge, refitter: Refitter, say: Say
+) -> Tried:
+    """Those tried, and trials with effects that promise little at zero but most of all at a step of a typical size."""
+    if not scores or any(_all_explained(trial, current, judge) for _, trial in tried):
+        return tried
+    known = {score.effect.name for score, _ in tried}
+    typical = {one.effect.name: _typical_start(current, one) for one in scores if one.effect.name not in known}
+    steps = jumped(current.fit, scores, typical, refitter.order)
+    ahead = [one for one in scores if one.effect.name in steps and steps[one.effect.name].drop > OVERTAKES * scores[0].drop]
+    ahead = sorted(ahead, key=lambda one: -steps[one.effect.name].drop)[:STEPS]
+    asked = [Asked(one.effect, steps[one.effect.name].start, one.gain, way=1.0) for one in ahead]
+    makes = refitter.each(current.fit, asked)
+    return [*tried, *((one, _tried(current, one, make, judge, say)) for one, (_, make) in zip(ahead, makes, strict=True))]
 
 
 def _with_break_away(trial: Trial, current: Trial, score: Score, judge: Judge, refitter: Refitter, say: Say) -> Trial:

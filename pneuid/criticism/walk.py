@@ -20,6 +20,7 @@ from pneuid.criticism.rounds import (
     accepted,
     costs,
     leaves_much,
+    overtaking,
     refitted,
     same_floor,
     second_looks,
@@ -128,6 +129,8 @@ class Walk:
     def _round(self, scores: Sequence[Score], least: float) -> tuple[Tried, tuple[Score, Trial] | None]:
         """Trials of one round and the one to accept, if any, all by the floor of the best model so far."""
         made = refitted(self.current, self.first, scores, self.judge, self.refitter, self.say, least)
+        if self.current.added is None and not self.pooled:
+            made = overtaking(self.current, scores, made, self.judge, self.refitter, self.say)
         tried = self._by_one_floor(made)
         chosen = self._best(tried)
         if self._needs_second_looks(chosen):
