@@ -21,7 +21,8 @@ class ExhaustRestriction(Effect):
     """Exhaust edge of opening ``s`` behind which a silencer lets a pressure ``p_b`` build up, ``r = (C / C_silencer)^2``.
 
     ``p_b^2 = (r s^2 p^2 + patm^2) / (1 + r s^2)``, where both let flow ``C sqrt(p_up^2 - p_down^2)`` through (ISO 6358 with
-    b = 0), and once more with each one's own flow at that pressure. The edge keeps the share ``psi(p_b/p) / psi(patm/p)`` of its flow: all of it while ``p_b`` leaves it choked.
+    b = 0), and once more with each one's own flow at that pressure. The edge keeps the share
+    ``psi(p_b/p) / psi(patm/p)`` of its flow: all of it while ``p_b`` leaves it choked.
     """
 
     name = "exhaust_restriction"
