@@ -107,6 +107,16 @@ def test_what_all_runs_show_is_named_and_its_rung_is_of_the_training_runs(monkey
     assert any("fitted to the held-out runs as well" in sentence for sentence in going.moved)
 
 
+def test_what_goes_astray_on_the_training_runs_alone_is_not_named(monkeypatch):
+    going, _, _ = walking(monkeypatch, 500.0, 13_500.0)
+    monkeypatch.setattr(walk, "explained_away", lambda *_: True)
+    going.judge.explains = lambda trial: trial.added is None
+    assert not going.step()
+    assert going.named == [] and going.current.added is None and not going.pooled
+    assert going.rungs == [("load_mass", False, ("slow",))]
+    assert any("is not named all the same" in sentence for sentence in going.moved)
+
+
 def test_the_ranking_claims_nothing_held_out_of_a_fit_to_all_runs(monkeypatch):
     going, _, _ = walking(monkeypatch, 500.0, 13_500.0)
     going.step()

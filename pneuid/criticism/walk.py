@@ -46,6 +46,11 @@ SHOWN = (
 OPEN = "noise and what the training runs leave open explain the held-out error; now all runs are fitted together"
 UNEXPLAINED = "nothing that the training runs suggest explains the held-out runs; now all runs are fitted together"
 
+ASTRAY = (
+    "{} is not named all the same: fitted to the training runs alone it leaves {:.2f} floors of the held-out error, more than "
+    "they leave open; record longer runs of both kinds"
+)
+
 BETTER_START = (
     "the model that stood before fits better from another start ({:.2f} -> {:.2f} floors); all is measured against that"
 )
@@ -101,9 +106,13 @@ class Walk:
         both._take(chosen, tried)
         self.moved += both.moved
         for name in both.named:
-            self.named, self.ambiguous, self.pooled = [name], both.ambiguous, True
-            self.current = self.judge.trial(self.refitter.on(both.current.fit, training), name)
-            self.rungs.append(self.rung(self.current, True))
+            trial = self.judge.trial(self.refitter.on(both.current.fit, training), name)
+            bears = self.judge.explains(trial)
+            self.rungs.append(self.rung(trial, bears))
+            if not bears:
+                self.moved.append(ASTRAY.format(name, np.sqrt(trial.whole)))
+                continue
+            self.named, self.ambiguous, self.pooled, self.current = [name], both.ambiguous, True, trial
         return False
 
     def _screened(self, standing: Trial) -> list[Score]:
