@@ -54,6 +54,20 @@ def test_an_effect_that_does_not_bear_reading_break_away_anew_is_not_accepted(mo
     assert walking()._round([], 15.0)[1] is None
 
 
+@pytest.mark.parametrize(
+    ("current", "pooled", "asked"), [(FIRST, False, 1), (FIRST, True, 0), (stub(9.0, 26e3, "gravity"), False, 0)]
+)
+def test_steps_are_looked_at_in_the_first_round_by_held_out_runs(current, pooled, asked, monkeypatch):
+    seen = []
+    monkeypatch.setattr(walk, "refitted", lambda *_: [])
+    monkeypatch.setattr(walk, "overtaking", lambda *given: seen.append(given) or [])
+    monkeypatch.setattr(walk, "same_floor", lambda judge, now, first, found: (judge, now, first, found))
+    monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
+    going = walking(current=current)
+    going.pooled = pooled
+    assert going._round([], 15.0) == ([], None) and len(seen) == asked
+
+
 def test_rivals_explain_both_kinds_of_runs_alike_whatever_their_group():
     best = (score("valve_lag", 800.0), stub(1.0, 26_333.0))
     near = (score("line_delay", 790.0), stub(1.1, 26_343.0))
