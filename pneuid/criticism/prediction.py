@@ -211,7 +211,8 @@ def _ahead(
 
 
 def predict_free(model: Frozen, runs: Sequence[Run]) -> list[Prediction]:
-    """Whole runs from a start estimated on their first 100 ms (contract's ``free_run_rmse``; a bench's ``rmse``)."""
+    """Whole runs from a start estimated on their first 100 ms, on a bench with an effect's states on all of the run
+    (contract's ``free_run_rmse``; a bench's ``rmse``)."""
     function = _function(model, runs)
     return [_free(model, function, run, run.data)[0] for run in runs]
 
