@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import casadi as ca
 import numpy as np
 
 WORTH_A_THREAD = 16
 """Columns below which starting a thread takes longer than the thread saves."""
+
+KEPT = 32
+"""Functions over many columns that are kept: making one takes as long as calling it, and the next fit needs it again."""
+
+
+@lru_cache(maxsize=KEPT)
+def _side_by_side(function: ca.Function, count: int, threads: int) -> ca.Function:
+    if count == 1:
+        return function
+    return function.map(count, "thread", threads) if threads > 1 else function.map(count, "serial")
+
 
 class Mapped:
     """``function`` applied to ``count`` columns side by side on ``threads`` threads.
@@ -16,9 +29,7 @@ class Mapped:
     """
 
     def __init__(self, function: ca.Function, count: int, threads: int = 1) -> None:
-        threads = min(threads, count // WORTH_A_THREAD)
-        kind = ("thread", threads) if threads > 1 else ("serial",)
-        self._function = function if count == 1 else function.map(count, *kind)
+        self._function = _side_by_side(function, count, min(threads, count // WORTH_A_THREAD))
         self._buffer, self._run = self._function.buffer()
         self._sizes = [self._function.numel_in(i) for i in range(self._function.n_in())]
         self._shapes = [self._function.size_out(i) for i in range(self._function.n_out())]

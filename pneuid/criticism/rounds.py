@@ -49,6 +49,9 @@ NEARLY_ALL = 0.8
 SECOND_LOOKS = 6
 """Effects on the loudest balance refitted where the leading ones do not help: a linear prediction misses what acts in jerks."""
 
+ALIKE = 0.95
+"""Share of the chosen effect's predicted drop from which another's break-away is read anew as well before the choice."""
+
 FAR = 0.25
 """Share of the excess left by the best of the leading effects above which others get a second look as well: a lag or a
 memory shows little of itself in a linear prediction from zero, and its place is taken by what imitates it."""
@@ -194,6 +197,11 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[
         if excess > 0 and fall > 3 * judge.spread and share and enough and inside_bounds(score, trial):
             good.append((score, trial))
     return min(good, key=lambda item: item[1].error) if good else None
+
+
+def promised_alike(chosen: Score, tried: Tried) -> Tried:
+    """The trials of effects of which screening expects as much as of the chosen one; without the same care they seem worse."""
+    return [pair for pair in tried if pair[0] is not chosen and pair[0].drop > ALIKE * chosen.drop]
 
 
 def leaves_much(chosen: tuple[Score, Trial] | None, current: Trial) -> bool:

@@ -21,6 +21,7 @@ from pneuid.criticism.rounds import (
     costs,
     leaves_much,
     overtaking,
+    promised_alike,
     refitted,
     same_floor,
     second_looks,
@@ -149,9 +150,12 @@ class Walk:
         known: set[str] = set()
         while chosen is not None and chosen[0].effect.name not in known:
             # what fits the training runs better may predict worse; then another is the best, or none
-            known.add(chosen[0].effect.name)
-            better = settled(chosen[1], self.judge, self.refitter, self.say)
-            tried = [(score, better if score is chosen[0] else trial) for score, trial in tried]
+            equals = [] if self.pooled else promised_alike(chosen[0], tried)
+            for one in (chosen, *equals):
+                if one[0].effect.name not in known:
+                    known.add(one[0].effect.name)
+                    better = settled(one[1], self.judge, self.refitter, self.say)
+                    tried = [(score, better if score is one[0] else trial) for score, trial in tried]
             chosen = self._best(tried)
         return tried, chosen
 

@@ -13,7 +13,7 @@ from pneuid.errors import UserError
 from pneuid.estimation.first_guess import follows_state
 from pneuid.estimation.preparation import Run, noise_of, prepare
 from pneuid.estimation.shooting import TIGHT, Shooting
-from pneuid.estimation.solver import INTERRUPTED, Monitor, Outcome
+from pneuid.estimation.solver import INTERRUPTED, ROUGHLY, Monitor, Outcome
 from pneuid.estimation.stages import (
     DEFECT_GATE,
     MISFIT,
@@ -27,7 +27,7 @@ from pneuid.estimation.stages import (
     sharpened,
     unsolved,
 )
-from pneuid.estimation.starts import from_far, from_near, softer
+from pneuid.estimation.starts import break_aways, from_far, from_near, softer
 from pneuid.estimation.task import Task, inside, relaxed_fit, values_at
 from pneuid.estimation.thinning import sections
 from pneuid.estimation.uncertainty import Uncertainty, verdicts
@@ -162,7 +162,7 @@ def _by_sections(task: Task, start: Mapping[str, float]) -> End | None:
         few = sections(task.runs, turn)
         if not few:
             return None
-        part = replace(task, runs=few, known={})
+        part = replace(task, runs=few, known={}, loosely=ROUGHLY)
         problem, soft = _reread(part, relaxed_fit(part, start))
         if soft.outcome.status == INTERRUPTED:
             return _from_sections(task, problem, soft, None)
@@ -288,11 +288,19 @@ def _exact_end(
     if end.interrupted or not end.near:
         return end
     try:
-        if known is None:
-            return replace(end, hard=exact_stage(problem, soft.outcome, monitor))
-        return replace(end, hard=exact_again(problem, soft.outcome, *known, monitor))
+        if known is not None:
+            return replace(end, hard=exact_again(problem, soft.outcome, *known, monitor))
+        end = replace(end, hard=exact_stage(problem, soft.outcome, monitor))
+        relaxed = values_at(problem, soft.outcome.X)
+        for other in break_aways(problem.plant, relaxed):
+            if not end.doubtful:
+                break
+            X = np.concatenate([inside(problem, relaxed | other), soft.outcome.X[problem.nq :]])
+            hard = exact_stage(problem, replace(soft.outcome, X=X), monitor)
+            end = min(end, replace(end, hard=hard), key=lambda one: one.misfit)
     except KeyboardInterrupt:
-        return replace(end, interrupted=True)
+        end = replace(end, interrupted=True)
+    return end
 
 
 def _starts(task: Task, start: Mapping[str, float], exact: bool) -> Iterator[Mapping[str, float]]:

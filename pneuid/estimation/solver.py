@@ -31,12 +31,18 @@ steps across the kinks of stick-slip go on zigzagging at that level for a hundre
 SETTLED_GAIN = 1e-4
 SETTLED_EXACT = 1e-6
 
-SETTLED_AGAIN = 3
+SETTLED_AGAIN = 2
 """The same where the parameters are all but right at the start: what is left to do is the nodes' part."""
 
 ARRIVED, NEARBY = 0.05, 1.0
 """Distances from the optimum, in standard errors of all parameters together, at which a path needs no further step: one whose
 parameters are the result, and one of a part of the record, whose optimum is further than that from the whole's."""
+
+LAST_STEP = 10.0
+"""Times the distance asked for from which the step there is taken without looking at the slopes where it ends."""
+
+AS_EXPECTED = (0.7, 2.0)
+"""Shares of the expected fall of the cost between which it must lie then."""
 
 INTERRUPTED = "Interrupted"
 """Status of a stage that was stopped by ctrl-C; its outcome is the best point so far."""
@@ -78,6 +84,9 @@ class Settling:
     over: int = SETTLED_OVER
     arrived: float = 0.0
 
+
+USUAL, ROUGHLY = Settling(SETTLED_GAIN), Settling(1e-3)
+"""For a relaxed problem, and for one that only leads to the next."""
 
 CLOSE = Settling(SETTLED_EXACT, arrived=ARRIVED)
 NEAR = Settling(SETTLED_GAIN, SETTLED_AGAIN, NEARBY)
@@ -164,7 +173,7 @@ class _Evaluator:
             self.stopped = INTERRUPTED
         elif time.monotonic() > self.deadline:
             self.stopped = "Time_Limit_Exceeded"
-        elif self._distance(X) < self.settling.arrived:
+        elif self._arrived(X):
             self.stopped = CONVERGED
         elif self._settled(cost):
             self.stopped = "Settled"
@@ -177,10 +186,28 @@ class _Evaluator:
         best = self.history[-1]
         return self.history[-1 - over] - best < gain * abs(best) and cost < (1 + 10 * gain) * best
 
-    def _distance(self, X: np.ndarray) -> float:
-        """Distance from the optimum by the Gauss-Newton model at ``X``, in standard errors of all variables together."""
+    def _arrived(self, X: np.ndarray) -> bool:
+        """Whether the optimum is as near as was asked for, at ``X`` or a step from it, which then is the best point."""
         if not self.settling.arrived or X.tobytes() != self._key:
-            return np.inf
+            return False
+        step, distance = self._to_optimum(X)
+        if distance < self.settling.arrived:
+            return True
+        if distance > LAST_STEP * self.settling.arrived:
+            return False
+        q, scaling = (X + step)[: self.problem.nq], self.problem.scaling
+        if np.any(q < scaling.lower) or np.any(q > scaling.upper):
+            return False
+        before, trials = self.value(X)[0], self._trials
+        fall, expected = before - self.value(X + step)[0], 0.5 * distance**2 * self.scale
+        self._trials = trials  # a look is none of the solver's trials
+        return bool(AS_EXPECTED[0] * expected < fall < AS_EXPECTED[1] * expected)
+
+    def _to_optimum(self, X: np.ndarray) -> tuple[np.ndarray, float]:
+        """Step to the optimum of the Gauss-Newton model at ``X``, and its length in standard errors of all variables together.
+
+        Parameters on a bound are held; infinite where the model has no optimum.
+        """
         gradient, _, hessian = (item.copy() for item in self._at)
         hessian[self.assembly.hess_diagonal] /= 1.0 + self.damping
         held = np.flatnonzero(self.problem.scaling.on_bound(X[: self.problem.nq]))
@@ -190,8 +217,10 @@ class _Evaluator:
             try:
                 step = factorised(self.assembly.hessian_matrix(hessian)).solve(gradient)
             except RuntimeError:  # SuperLU: a variable that nothing sees at this point
-                return np.inf
-            return float(np.sqrt(gradient @ step / self.scale)) if np.all(np.isfinite(step)) else np.inf
+                return np.zeros(X.size), np.inf
+            if not np.all(np.isfinite(step)):
+                return np.zeros(X.size), np.inf
+            return -step, float(np.sqrt(gradient @ step / self.scale))
 
 
 class _Function(ca.Callback):
@@ -318,9 +347,11 @@ def _solve(
     )  # fmt: skip
 
 
-def solve_relaxed(problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None) -> Outcome:
+def solve_relaxed(
+    problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None, settling: Settling = USUAL
+) -> Outcome:
     """Minimise cost plus penalised defects from ``X0``; never worse than the best point visited."""
-    return _solve(problem, X0, True, "relaxed", Settling(SETTLED_GAIN), _ROUGH, monitor)
+    return _solve(problem, X0, True, "relaxed", settling, _ROUGH, monitor)
 
 
 def solve_relaxed_again(problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None) -> Outcome:

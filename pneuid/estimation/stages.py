@@ -21,6 +21,7 @@ from pneuid.estimation.solver import (
     CONVERGED,
     INTERRUPTED,
     NEAR,
+    USUAL,
     Monitor,
     Outcome,
     Settling,
@@ -116,11 +117,17 @@ class End:
         One that leaves clearly more than the sensors' noise, but not so much that the model must be wrong, may be a
         local optimum of the pre-sliding parameters.
         """
-        if self.hard is None:
-            return False
-        count = max(self.problem.weighted, 1)
-        misfit = 2 * self.hard.outcome.cost / count
-        return not 1.0 + DOUBTFUL * np.sqrt(2.0 / count) < misfit < MISFIT
+        return self.hard is not None and (not self.doubtful or self.misfit >= MISFIT)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether no exact fit was found, or one that leaves clearly more than the sensors' noise."""
+        return self.misfit > 1.0 + DOUBTFUL * np.sqrt(2.0 / max(self.problem.weighted, 1))
+
+    @property
+    def misfit(self) -> float:
+        """Mean squared weighted residual of the exact fit, infinite where there is none."""
+        return np.inf if self.hard is None else 2 * self.hard.outcome.cost / max(self.problem.weighted, 1)
 
 
 def loose_cost(problem: Shooting, soft: Relaxed) -> float:
@@ -133,10 +140,10 @@ def loose_cost(problem: Shooting, soft: Relaxed) -> float:
     return found.cost + found.penalty
 
 
-def relaxed_stage(problem: Shooting, X0: np.ndarray, monitor: Monitor | None) -> Relaxed:
-    """Loose defects first; tight ones where the model is near enough."""
+def relaxed_stage(problem: Shooting, X0: np.ndarray, monitor: Monitor | None, settling: Settling = USUAL) -> Relaxed:
+    """Loose defects first, until they have settled; tight ones where the model is near enough."""
     problem.relaxation = LOOSE
-    soft = solve_relaxed(problem, X0, monitor)
+    soft = solve_relaxed(problem, X0, monitor, settling)
     level, loose = _level(problem, soft), soft.cost + soft.penalty
     if level < TIGHTEN_BELOW and soft.status != INTERRUPTED:
         problem.relaxation = TIGHT

@@ -1,14 +1,26 @@
-"""Other starts for a relaxed fit that the data's own guess did not lead to a good end: each is made for one weak point."""
+"""Other starts of a fit that did not lead to a good end: each is made for one weak point."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+
+import numpy as np
 
 from pneuid.estimation.first_guess import BREAK_AWAY, typical_presliding
 from pneuid.plant import Plant
 
 SOFTER = {"sigma0": 0.3, "sigma1": 0.6, "vs": 2.0}
 """Another start of the pre-sliding parameters, relative to the first, tried where that one does not lead to an exact fit."""
+
+PEAK = 1.7
+"""Most of the static friction over Coulomb friction from which the exact stage is started again; typical of a seal."""
+
+AGAIN = ((5.0, 0.6), (3.0, 1.2))
+"""Factor by which the Stribeck velocity is raised for that, and micro-viscous damping over the root of stiffness times mass:
+wide peaks with much damping."""
+
+SOFT = 3.0
+"""Factor by which the bristle is made softer in the last of these starts."""
 
 Values = Mapping[str, float]
 
@@ -39,3 +51,21 @@ def from_far(plant: Plant, guess: Values, best: Values, turn: int) -> dict[str, 
         return softer(plant, guess)
     fresh = typical_presliding(plant, best.get("Fs", best["Fc"]))
     return {**best, **{name: value for name, value in fresh.items() if name in best}}
+
+
+def break_aways(plant: Plant, relaxed: Values) -> Iterator[dict[str, float]]:
+    """Values (SI) that start the exact stage again where the ``relaxed`` ones do not lead to a good end, by their names.
+
+    The relaxed fit hardly sees a break-away: its jumps between intervals take up what a peak of friction does. It may end
+    at one ten times too high and narrow, with next to no damping, all else being right; from a wide one with damping the exact
+    stage finds its way. The last one has a softer bristle.
+    """
+    if plant.law.static:
+        return
+    for wider, damping in AGAIN if "sigma1" in relaxed else ():
+        found = {"sigma1": damping * float(np.sqrt(relaxed["sigma0"] * plant.rig.mass))}
+        if "Fs" in relaxed:
+            found |= {"Fs": min(relaxed["Fs"], PEAK * relaxed["Fc"]), "vs": wider * relaxed["vs"]}
+        yield found
+    softer_ones = {"sigma0": SOFT, "sigma1": np.sqrt(SOFT)}
+    yield {name: float(relaxed[name] / share) for name, share in softer_ones.items() if name in relaxed}

@@ -12,7 +12,7 @@ from pneuid.estimation.first_guess import first_guess, first_nodes, motions
 from pneuid.estimation.own import declared
 from pneuid.estimation.preparation import Run, data_ranges
 from pneuid.estimation.shooting import NODE_EVERY, Shooting, relaxed_smoothing
-from pneuid.estimation.solver import INTERRUPTED, Monitor
+from pneuid.estimation.solver import INTERRUPTED, USUAL, Monitor, Settling
 from pneuid.estimation.stages import Relaxed, relaxed_stage
 from pneuid.plant import Plant
 from pneuid.recording import Recording
@@ -24,13 +24,17 @@ NODE_SECONDS = 0.02
 
 @dataclass(frozen=True)
 class Task:
-    """What every start of one fit shares; known : node states ``(nint,)`` by name that replace the first guess's."""
+    """What every start of one fit shares.
+
+    known : node states ``(nint,)`` by name that replace the first guess's; loosely : when loose defects have settled.
+    """
 
     plant: Plant
     recordings: Sequence[Recording]
     runs: tuple[Run, ...]
     known: Mapping[str, np.ndarray]
     monitor: Monitor | None
+    loosely: Settling = USUAL
 
     def guess(self) -> dict[str, float]:
         """The data's own first guess of the parameters, SI."""
@@ -80,7 +84,7 @@ def relaxed_fit(task: Task, start: Mapping[str, float]) -> tuple[Shooting, Relax
     problem = task.problem(values, task.substeps(values))
     nodes = task.nodes(values, problem.samples)
     while True:
-        soft = relaxed_stage(problem, problem.join(inside(problem, values), nodes), task.monitor)
+        soft = relaxed_stage(problem, problem.join(inside(problem, values), nodes), task.monitor, task.loosely)
         values, nodes = values_at(problem, soft.outcome.X), problem.split(soft.outcome.X)[1]
         needed = task.substeps(values)
         if needed <= problem.substeps or soft.outcome.status == INTERRUPTED:
