@@ -11,7 +11,7 @@ from helpers import BENCH, SERVO, TRUTH, rig, servo_run
 from scipy.interpolate import make_smoothing_spline
 
 from pneuid.estimation import fit as fitting
-from pneuid.estimation import thinning
+from pneuid.estimation import solver, thinning
 from pneuid.estimation.chained import Chained
 from pneuid.estimation.differentiate import spline_motion
 from pneuid.estimation.first_guess import first_nodes, motions
@@ -114,6 +114,21 @@ def test_the_loose_cost_is_found_when_asked_for():
     for fitted in (servo_fit, bench_fit):
         assert fitted(LONG).loose_cost == pytest.approx(fitted(10**9).loose_cost, rel=2e-3)
     assert servo_fit(LONG).problem.relaxation == TIGHT, "asking changes nothing"
+
+
+@pytest.mark.parametrize(("away", "ends"), [(0.005, True), (0.1, True), (3.0, False)])
+def test_a_path_close_to_its_optimum_ends_a_step_further_without_slopes_there(away, ends):
+    found = servo_fit(10**9)
+    path = Chained(found.exact_problem)
+    X = path.from_base(found.exact.X)
+    j = found.problem.free.index("Fc")
+    X[j] += away * found.spread.std[j] / path.scaling.slope(X[: path.nq])[j]
+    at = solver._Evaluator(path, True, "continuous", solver.CLOSE, None, np.inf)
+    cost, g = at.value(X)
+    at.derivatives(X)
+    assert at.after_iteration(X, cost, g) is ends
+    if away == 0.1:
+        assert at.best[0] < cost and abs(at.best[1][j] - X[j]) > 0, "the step's end is the best point"
 
 
 def test_sections_that_end_badly_are_forgotten(monkeypatch):
