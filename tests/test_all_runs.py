@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -67,8 +68,13 @@ class Refits:
         return SimpleNamespace(runs=runs, relaxed_cost=14_000.0, loose_cost=14_000.0, problem=SimpleNamespace(relaxation=0.1))
 
 
-def walking(monkeypatch, drop: float, cost: float, learned: float = 1.1) -> tuple[Walk, Refits, list[float]]:
-    """A walk whose screening promises ``drop`` of load_mass on all runs, with which the cost ends at ``cost``."""
+def walking(
+    monkeypatch, drop: float, cost: float, learned: float = 1.1, left: tuple[float, float] = (2.1, 1.05)
+) -> tuple[Walk, Refits, list[float]]:
+    """A bench's walk whose screening promises ``drop`` of load_mass on all runs, with which the cost ends at ``cost``.
+
+    ``left`` is the squared error of held-out runs, each by the fits to the other runs, without load_mass and with it.
+    """
     least: list[float] = []
     promised = score("load_mass", drop)
     made = stub(1.0, cost, "load_mass")
@@ -86,8 +92,17 @@ def walking(monkeypatch, drop: float, cost: float, learned: float = 1.1) -> tupl
     monkeypatch.setattr(walk, "_better_without", lambda *_: None)
     monkeypatch.setattr(Walk, "rung", lambda _, trial, accepted: (trial.added, accepted, trial.fit.runs))
     base, by, refitter = stub(1.8, 14_000.0), judge(learned), Refits()
-    base.fit.runs = ("slow",)
-    by.trial = lambda fit, added=None: SimpleNamespace(fit=fit, added=added, error=2.1, whole=2.1)
+    base.fit.runs, base.fit.plant = ("slow",), SimpleNamespace(servo=False)
+    by.trial = lambda fit, added=None: SimpleNamespace(fit=fit, added=added, error=1.2, whole=1.2)
+
+    def across(fit: SimpleNamespace, others: list[SimpleNamespace], added: str | None) -> SimpleNamespace:
+        error = left[added is not None]
+        return SimpleNamespace(fit=fit, added=added, error=error, whole=error, others=tuple(one.runs for one in others))
+
+    by.across = across
+    by.explains = lambda trial: trial.added is None
+    by.held = ("fast", "held")
+    monkeypatch.setattr(walk, "explained_away", lambda *_: True)
     return Walk(by, base, base, {"load_mass": CATALOGUE["load_mass"]}, refitter, lambda _: None), refitter, least
 
 
@@ -98,23 +113,53 @@ def test_refits_are_made_where_all_runs_may_show_something(drop, learned, asked,
     assert least == [70.0] * asked and going.named == []
 
 
-def test_what_all_runs_show_is_named_and_its_rung_is_of_the_training_runs(monkeypatch):
+def test_what_all_runs_show_is_named_and_judged_on_each_held_out_run_by_fits_to_the_others(monkeypatch):
     going, refitter, _ = walking(monkeypatch, 500.0, 13_500.0)
     assert not going.step(), "where the held-out runs cannot judge, nothing follows"
-    assert going.named == ["load_mass"]
-    assert refitter.asked == [("slow", "held"), ("slow",)]
-    assert going.rungs == [("load_mass", True, ("slow",))] and going.current.fit.runs == ("slow",)
+    assert going.named == ["load_mass"] and going.pooled and going.lacking is None
+    in_turn = [("slow", "held"), ("slow", "fast")]
+    assert refitter.asked == [("slow", "fast", "held"), *in_turn, *in_turn], "all, then without the effect and with it"
+    assert going.current.others == going.first.others == tuple(in_turn)
+    assert going.rungs == [(None, True, ("slow", "fast", "held")), ("load_mass", True, ("slow", "held"))]
+    assert (going.first.error, going.current.error) == (2.1, 1.05), "both by the same runs"
     assert any("fitted to the held-out runs as well" in sentence for sentence in going.moved)
+    assert walk.IN_TURN in going.moved
 
 
-def test_what_goes_astray_on_the_training_runs_alone_is_not_named(monkeypatch):
-    going, _, _ = walking(monkeypatch, 500.0, 13_500.0)
-    monkeypatch.setattr(walk, "explained_away", lambda *_: True)
-    going.judge.explains = lambda trial: trial.added is None
+@pytest.mark.parametrize(
+    ("left", "named"), [((2.1, 1.5), True), ((2.1, 1.7), False), ((1.1, 1.05), True), ((1.1, 1.2), False), ((2.1, 9.0), False)]
+)
+def test_what_predicts_the_run_left_out_hardly_better_is_not_named(left, named, monkeypatch):
+    going, _, _ = walking(monkeypatch, 500.0, 13_500.0, left=left)
     assert not going.step()
-    assert going.named == [] and going.current.added is None and not going.pooled
-    assert going.rungs == [("load_mass", False, ("slow",))]
-    assert any("is not named all the same" in sentence for sentence in going.moved)
+    assert (going.named == ["load_mass"]) == named == going.pooled == (going.lacking is None)
+    if not named:
+        assert going.current.added is None and going.rungs[-1][:2] == ("load_mass", False)
+        assert any("is not named all the same" in sentence for sentence in going.moved)
+        assert any("something of its kind may be missing" in sentence for sentence in going.moved)
+
+
+def test_what_lowers_the_cost_but_leaves_more_than_noise_makes_the_model_lacking(monkeypatch):
+    going, _, _ = walking(monkeypatch, 500.0, 13_500.0, learned=0.9)
+    assert not going.step()
+    assert going.named == [] and going.lacking is not None and going.lacking.fit.runs == ("slow", "fast", "held")
+
+
+@pytest.mark.parametrize(("standing", "together", "lacking"), [(1.8, 1.31, True), (1.8, 1.29, False), (1.1, 1.4, False)])
+def test_a_model_that_all_runs_together_do_not_fit_lacks_something(standing, together, lacking, monkeypatch):
+    going, _, _ = walking(monkeypatch, 20.0, 13_990.0)
+    going.current = going.first = replace(going.current, error=standing)
+    going.judge.trial = lambda fit, added=None: SimpleNamespace(fit=fit, added=added, error=together, whole=together)
+    assert not going.step()
+    assert (going.lacking is not None) == lacking and going.named == []
+
+
+def test_on_a_servo_rig_all_runs_are_not_asked(monkeypatch):
+    going, refitter, _ = walking(monkeypatch, 500.0, 13_500.0)
+    going.current.fit.plant.servo = True
+    assert not going.step()
+    assert refitter.asked == [] and going.named == [] and going.lacking is None
+    assert set(going.ranking) == {"load_mass"}, "the model as it stands is screened all the same"
 
 
 def test_the_ranking_claims_nothing_held_out_of_a_fit_to_all_runs(monkeypatch):

@@ -14,20 +14,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pneuid.criticism.defects import equation_defects, node_jumps
-from pneuid.criticism.diagnosis import Diagnosis, Unknown
+from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.rounds import ACTING_ON, LEAST_DROP, Say
 from pneuid.criticism.too_slow import too_slow
 from pneuid.criticism.trial import Trial, judge_of
-from pneuid.criticism.walk import DEFECT_RATIO, Walk, explained_away, explained_share, loudest
+from pneuid.criticism.walk import DEFECT_RATIO, MINOR, Walk, explained_away, explained_share, loudest
 from pneuid.effect import Effect
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import prepare
 from pneuid.recording import Recording
 
-MOSTLY, MINOR = 0.9, 0.5
-"""Shares of the excess explained: below the first a rest is reported, below the second the rest, then more, is the verdict."""
+MOSTLY = 0.9
+"""Share of the excess explained, below which a rest is reported; below ``MINOR`` the rest, then more, is the verdict."""
 
 MOST_ROUNDS = 4
 """Rounds of the walk, each of which accepts an effect, two at once, or a better start."""
@@ -41,6 +41,9 @@ SHOWN = (
     "the training runs leave more than noise themselves, and {} is what shows most in all runs; "
     "hold out a run like the training runs to judge it"
 )
+
+
+LACKS = "fitted to the held-out runs as well, the model leaves {:.2f} floors of them: it lacks something all runs show"
 
 
 @dataclass
@@ -93,20 +96,7 @@ def _verdict(walk: Walk, slow: bool = False) -> Diagnosis:
     usual = f"{np.sqrt(first.error):.2f} and {np.sqrt(current.error):.2f} without the worst tenth of the windows, which decides"
     words = [f"held-out error: {started:.2f} times the noise floor before, {ended:.2f} after ({usual})"]
     if not named:
-        if current.error - 1.0 < judge.small:
-            return Diagnosis("adequate", (), ordered, sentences=(*words, "nothing is missing above the noise"))
-        if slow:
-            return Diagnosis("adequate", (), ordered, sentences=tuple(words))
-        if adequate:
-            plain = not judge.learned(current) and ordered and ordered[0].screen_gain * current.fit.relaxed_cost > LEAST_DROP
-            shown = (SHOWN.format(ordered[0].effect),) if plain else ()
-            return Diagnosis("adequate", (), ordered, sentences=(*words, OPEN, *shown))
-        if loudest(current) < DEFECT_RATIO:
-            quiet = "no balance leaves a defect above noise; what the predictions lose, they lose at break-away"
-            return Diagnosis("adequate", (), ordered, sentences=(*words, quiet))
-        return Diagnosis(
-            "unknown", (), ordered, _rest(current), sentences=(*words, "the catalogue does not explain it")
-        )
+        return _nothing_named(walk, words, ordered, slow, adequate)
     removed = (first.error - current.error) / max(first.error - 1.0, 1e-12)
     explained = explained_share(first, current, first)
     if explained > 0.0 or not walk.pooled:  # what all runs show may predict worse while the training runs leave it open
@@ -126,6 +116,28 @@ def _verdict(walk: Walk, slow: bool = False) -> Diagnosis:
     elif not adequate:
         words.append("what remains is above noise: these effects may act in a form that differs from the catalogue's")
     return Diagnosis("unknown" if larger else "effect", tuple(named), ordered, rest, sentences=tuple(words))
+
+
+def _nothing_named(
+    walk: Walk, words: Sequence[str], ordered: tuple[Candidate, ...], slow: bool, adequate: bool
+) -> Diagnosis:
+    """The verdict where no effect was accepted: nothing is missing, or something that the catalogue does not hold."""
+    current, judge = walk.current, walk.judge
+    if walk.lacking is not None:
+        lacks = LACKS.format(np.sqrt(walk.lacking.error))
+        return Diagnosis("unknown", (), ordered, _rest(walk.lacking), sentences=(*words, lacks))
+    if current.error - 1.0 < judge.small:
+        return Diagnosis("adequate", (), ordered, sentences=(*words, "nothing is missing above the noise"))
+    if slow:
+        return Diagnosis("adequate", (), ordered, sentences=tuple(words))
+    if adequate:
+        plain = not judge.learned(current) and ordered and ordered[0].screen_gain * current.fit.relaxed_cost > LEAST_DROP
+        shown = (SHOWN.format(ordered[0].effect),) if plain else ()
+        return Diagnosis("adequate", (), ordered, sentences=(*words, OPEN, *shown))
+    if loudest(current) < DEFECT_RATIO:
+        quiet = "no balance leaves a defect above noise; what the predictions lose, they lose at break-away"
+        return Diagnosis("adequate", (), ordered, sentences=(*words, quiet))
+    return Diagnosis("unknown", (), ordered, _rest(current), sentences=(*words, "the catalogue does not explain it"))
 
 
 def _rest(trial: Trial) -> Unknown | None:

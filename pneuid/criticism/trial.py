@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pneuid.criticism.prediction import Frozen, NoiseFloor, noise_floors, predict, rmse, typical
+from pneuid.criticism.prediction import Frozen, NoiseFloor, Prediction, noise_floors, predict, rmse, typical
 from pneuid.criticism.unsettled import unsettled
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import Run
@@ -46,10 +46,16 @@ class Judge:
 
     def trial(self, found: Fit, added: str | None = None) -> Trial:
         """Predict the held-out runs and the training runs by a fit, to which the effect ``added`` was added last."""
-        model = Frozen.of(found)
-        ahead = predict(model, self.held)
+        return self._trial(found, predict(Frozen.of(found), self.held), added)
+
+    def across(self, found: Fit, others: Sequence[Fit], added: str | None = None) -> Trial:
+        """The same of a fit to all runs, each held-out run predicted by that one of ``others`` which was not fitted to it."""
+        ahead = [one for fit, run in zip(others, self.held, strict=True) for one in predict(Frozen.of(fit), [run])]
+        return self._trial(found, ahead, added)
+
+    def _trial(self, found: Fit, ahead: Sequence[Prediction], added: str | None) -> Trial:
         on_held, usual = rmse(ahead, found.plant.outputs), typical(ahead, found.plant.outputs)
-        on_train = rmse(predict(model, found.runs), found.plant.outputs)
+        on_train = rmse(predict(Frozen.of(found), found.runs), found.plant.outputs)
         return Trial(
             found, _weighted(usual, self.usual), _weighted(on_held, self.floor), on_train, on_held, usual, added
         )
