@@ -115,8 +115,9 @@ def _next(
             return f"play {folder / 'next.csv'} on the rig twice, and {again}"
         return "look at the report, then record what it asks for"
     out = next_folder(path.parent, f"{path.parent.name}_better")
+    data, hold_out = ([*files[0], *files[1]], []) if diagnosis.by_all_runs else files
     return command_line(
-        "pneuid.identify", from_=[path], add=[*diagnosis.effects, *(unknown or "").split()], data=files[0], hold_out=files[1],
+        "pneuid.identify", from_=[path], add=[*diagnosis.effects, *(unknown or "").split()], data=data, hold_out=hold_out,
         diagnosis=[folder / "diagnosis.json"], effect_file=own, out=[out],
     )  # fmt: skip
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -11,8 +12,9 @@ from trials import score, stub
 from pneuid.criticism import all_runs as module
 from pneuid.criticism import walk
 from pneuid.criticism.all_runs import least_shown, shown
-from pneuid.criticism.diagnosis import Candidate
+from pneuid.criticism.diagnosis import Candidate, Diagnosis
 from pneuid.criticism.walk import Walk, explained_away
+from pneuid.diagnose import _next
 from pneuid.effects import CATALOGUE
 
 BASE = stub(1.2, 14_000.0)
@@ -152,6 +154,14 @@ def test_a_model_that_all_runs_together_do_not_fit_lacks_something(standing, tog
     going.judge.trial = lambda fit, added=None: SimpleNamespace(fit=fit, added=added, error=together, whole=together)
     assert not going.step()
     assert (going.lacking is not None) == lacking and going.named == []
+
+
+@pytest.mark.parametrize(
+    ("by_all", "said"), [(True, "--data a.csv b.csv --diagnosis"), (False, "--data a.csv --hold-out b.csv")]
+)
+def test_the_next_command_fits_to_the_runs_that_showed_the_effect(by_all, said):
+    found = Diagnosis("effect", ("load_mass",), (), by_all_runs=by_all)
+    assert said in _next(found, Path("monday/model.json"), (["a.csv"], ["b.csv"]), Path("why"), [])
 
 
 def test_on_a_servo_rig_all_runs_are_not_asked(monkeypatch):

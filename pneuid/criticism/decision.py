@@ -80,7 +80,8 @@ def diagnose(
             break
     walk.backward()
     found = _verdict(walk, slow is not None)
-    return Verdict(replace(found, sentences=(*found.sentences, *walk.moved)), walk.current.fit, walk.first.fit, walk.rungs)
+    found = replace(found, sentences=(*found.sentences, *walk.moved), by_all_runs=walk.pooled)
+    return Verdict(found, walk.current.fit, walk.first.fit, walk.rungs)
 
 
 def _verdict(walk: Walk, slow: bool = False) -> Diagnosis:

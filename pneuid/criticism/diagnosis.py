@@ -95,6 +95,8 @@ class Diagnosis:
     sentences: tuple[str, ...] = field(default=())
     command: Command | None = field(default=None, compare=False)
     """What the next experiment plays; the command writes it to the file that ``next_experiment`` names."""
+    by_all_runs: bool = field(default=False, compare=False)
+    """Whether the effect was named on all runs together, to which its model then is to be fitted."""
 
     def to_dict(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
