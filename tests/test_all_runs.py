@@ -103,6 +103,7 @@ def walking(
 
     by.across = across
     by.explains = lambda trial: trial.added is None
+    by.explains_across = lambda *_: False
     by.held = ("fast", "held")
     monkeypatch.setattr(walk, "explained_away", lambda *_: True)
     return Walk(by, base, base, {"load_mass": CATALOGUE["load_mass"]}, refitter, lambda _: None), refitter, least
@@ -139,6 +140,13 @@ def test_what_predicts_the_run_left_out_hardly_better_is_not_named(left, named, 
         assert going.current.added is None and going.rungs[-1][:2] == ("load_mass", False)
         assert any("is not named all the same" in sentence for sentence in going.moved)
         assert any("something of its kind may be missing" in sentence for sentence in going.moved)
+
+
+def test_what_leaves_only_what_the_fits_in_turn_leave_open_is_named(monkeypatch):
+    going, _, _ = walking(monkeypatch, 500.0, 13_500.0, left=(2.1, 9.0))
+    going.judge.explains_across = lambda _trial, others: [one.runs for one in others] == [("slow", "held"), ("slow", "fast")]
+    assert not going.step()
+    assert going.named == ["load_mass"]
 
 
 def test_what_lowers_the_cost_but_leaves_more_than_noise_makes_the_model_lacking(monkeypatch):

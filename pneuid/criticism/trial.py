@@ -84,6 +84,13 @@ class Judge:
         excess = trial.error - 1.0
         return excess < self.small or excess < self.small + unsettled(trial.fit, self.held, self.usual)
 
+    def explains_across(self, trial: Trial, others: Sequence[Fit]) -> bool:
+        """The same of a trial ``across`` its ``others``, which leave more open than the fit to all runs."""
+        if trial.error - 1.0 < self.small:
+            return True
+        opened = [unsettled(fit, (run,), self.usual) for fit, run in zip(others, self.held, strict=True)]
+        return bool(trial.error - 1.0 < self.small + np.mean(opened))
+
     def again(self, best: Trial, standing: Trial) -> Judge:
         """The judge by the floor of the best model so far: a poor model's own floor is too high."""
         if best.error >= BETTER * standing.error:

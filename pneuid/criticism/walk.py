@@ -145,10 +145,12 @@ class Walk:
 
     def _take_shown(self, name: str, base: Trial, both: Walk) -> None:
         """Name what the walk on all runs named, unless it predicts runs that it was not fitted to worse than without it."""
-        without, trial = self._in_turn(base.fit, None), self._in_turn(both.current.fit, name)
+        others = [self._in_turn(fit) for fit in (base.fit, both.current.fit)]
+        without = self.judge.across(base.fit, others[0], None)
+        trial = self.judge.across(both.current.fit, others[1], name)
         share = (without.error - trial.error) / max(without.error - 1.0, 1e-12)
-        bears = self.judge.explains(trial) or share > (MINOR if without.error - 1.0 > self.judge.small else 0.0)
-        if not bears:
+        asked = MINOR if without.error - 1.0 > self.judge.small else 0.0
+        if not (share > asked or self.judge.explains_across(trial, others[1])):
             self.rungs.append(self.rung(trial, False))
             self.moved.append(ASTRAY.format(name, np.sqrt(trial.whole), np.sqrt(without.whole)))
             return
@@ -160,11 +162,10 @@ class Walk:
     def _on_all(self, fit: Fit) -> Fit:
         return self.refitter.on(fit, (*self.current.fit.runs, *self.judge.held))
 
-    def _in_turn(self, fit: Fit, added: str | None) -> Trial:
-        """A model fitted to all runs, each held-out one predicted by its fit to all the others."""
+    def _in_turn(self, fit: Fit) -> list[Fit]:
+        """A model that was fitted to all runs, fitted to all but each of the held-out ones."""
         held, training = self.judge.held, self.current.fit.runs
-        others = [self.refitter.on(fit, (*training, *(run for run in held if run is not one))) for one in held]
-        return self.judge.across(fit, others, added)
+        return [self.refitter.on(fit, (*training, *(run for run in held if run is not one))) for one in held]
 
     def _screened(self, standing: Trial) -> list[Score]:
         """Every effect screened on a model; the first screening ranks."""
