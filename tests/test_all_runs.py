@@ -142,11 +142,16 @@ def test_what_predicts_the_run_left_out_hardly_better_is_not_named(left, named, 
         assert any("something of its kind may be missing" in sentence for sentence in going.moved)
 
 
-def test_what_leaves_only_what_the_fits_in_turn_leave_open_is_named(monkeypatch):
-    going, _, _ = walking(monkeypatch, 500.0, 13_500.0, left=(2.1, 9.0))
-    going.judge.explains_across = lambda _trial, others: [one.runs for one in others] == [("slow", "held"), ("slow", "fast")]
+@pytest.mark.parametrize(
+    ("left", "held", "named"),
+    [((2.1, 2.0), ("fast", "held"), True), ((2.1, 2.2), ("fast", "held"), False), ((2.1, 2.2), ("held",), True)],
+)
+def test_what_leaves_only_what_the_fits_in_turn_leave_open_is_named_unless_others_predict_worse(left, held, named, monkeypatch):
+    going, _, _ = walking(monkeypatch, 500.0, 13_500.0, left=left)
+    going.judge.held = held
+    going.judge.explains_across = lambda _trial, others: len(others) == len(held)
     assert not going.step()
-    assert going.named == ["load_mass"]
+    assert (going.named == ["load_mass"]) == named
 
 
 def test_what_lowers_the_cost_but_leaves_more_than_noise_makes_the_model_lacking(monkeypatch):

@@ -150,7 +150,9 @@ class Walk:
         trial = self.judge.across(both.current.fit, others[1], name)
         share = (without.error - trial.error) / max(without.error - 1.0, 1e-12)
         asked = MINOR if without.error - 1.0 > self.judge.small else 0.0
-        if not (share > asked or self.judge.explains_across(trial, others[1])):
+        # a single held-out run has no others to learn from: what the training runs leave open may hide any gain
+        may = share > 0.0 or len(others[1]) == 1
+        if not (share > asked or (may and self.judge.explains_across(trial, others[1]))):
             self.rungs.append(self.rung(trial, False))
             self.moved.append(ASTRAY.format(name, np.sqrt(trial.whole), np.sqrt(without.whole)))
             return
