@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from trials import score, stub
 
 from pneuid.criticism import all_runs as module
 from pneuid.criticism import walk
-from pneuid.criticism.all_runs import least_shown, shown
+from pneuid.criticism.all_runs import least_shown, shown, within_a_sample
 from pneuid.criticism.diagnosis import Candidate, Diagnosis
 from pneuid.criticism.walk import Walk, explained_away
 from pneuid.diagnose import _next
@@ -30,8 +30,10 @@ def judge(learned: float = 1.1) -> SimpleNamespace:
 
 
 @pytest.fixture(autouse=True)
-def _amplitudes_are_inside(monkeypatch):
+def _amplitudes_count(monkeypatch):
     monkeypatch.setattr(module, "inside_bounds", lambda *_: True)
+    for user in (module, walk):
+        monkeypatch.setattr(user, "within_a_sample", lambda *_: False)
 
 
 def names(*ends: tuple[str, float], by: SimpleNamespace | None = None) -> list[str]:
@@ -160,13 +162,29 @@ def test_what_lowers_the_cost_but_leaves_more_than_noise_makes_the_model_lacking
     assert going.named == [] and going.lacking is not None and going.lacking.fit.runs == ("slow", "fast", "held")
 
 
-@pytest.mark.parametrize(("standing", "together", "lacking"), [(1.8, 1.31, True), (1.8, 1.29, False), (1.1, 1.4, False)])
-def test_a_model_that_all_runs_together_do_not_fit_lacks_something(standing, together, lacking, monkeypatch):
-    going, _, _ = walking(monkeypatch, 20.0, 13_990.0)
-    going.current = going.first = replace(going.current, error=standing)
-    going.judge.trial = lambda fit, added=None: SimpleNamespace(fit=fit, added=added, error=together, whole=together)
-    assert not going.step()
-    assert (going.lacking is not None) == lacking and going.named == []
+def lag_of(tau: float) -> SimpleNamespace:
+    """A trial with the force lagging by ``tau``, on runs of 1 kHz and 2 kHz."""
+    runs = tuple(SimpleNamespace(data=np.full((1, 9), dt)) for dt in (5e-4, 1e-3))
+    plant = SimpleNamespace(rig=SimpleNamespace(A1=8e-4), law=None)
+    trial = stub(1.2, 13_000.0, "sensor_lag_F")
+    trial.fit.runs, trial.fit.plant, trial.fit.values = runs, plant, {"tau_F": tau, "delta_m": 1e-5}
+    return trial
+
+
+@pytest.mark.parametrize(("tau", "counts"), [(0.9e-3, False), (1.1e-3, True)])
+def test_a_lag_shorter_than_a_sample_is_what_smoothing_of_the_motion_leaves(tau, counts, monkeypatch):
+    trial = lag_of(tau)
+    for user in (module, walk):
+        monkeypatch.setattr(user, "within_a_sample", within_a_sample)
+    assert bool(shown([(score("sensor_lag_F", 500.0), trial)], BASE, judge())) == counts
+    going, _, _ = walking(monkeypatch, 500.0, 13_000.0)
+    base = going.judge.trial(going._on_all(going.current.fit))
+    going._suspect([(score("sensor_lag_F", 500.0), trial)], base, 70.0)
+    assert (going.lacking is not None) == counts
+
+
+def test_only_times_are_counted_in_samples():
+    assert not within_a_sample(score("sensor_offset_F", 500.0), lag_of(1e-4))
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,6 @@ SHOWN = (
 )
 
 
-LACKS = "fitted to the held-out runs as well, the model leaves {:.2f} floors of them: it lacks something all runs show"
 
 
 @dataclass
@@ -125,8 +124,7 @@ def _nothing_named(
     """The verdict where no effect was accepted: nothing is missing, or something that the catalogue does not hold."""
     current, judge = walk.current, walk.judge
     if walk.lacking is not None:
-        lacks = LACKS.format(np.sqrt(walk.lacking.error))
-        return Diagnosis("unknown", (), ordered, _rest(walk.lacking), sentences=(*words, lacks))
+        return Diagnosis("unknown", (), ordered, _rest(walk.lacking), sentences=tuple(words))
     if current.error - 1.0 < judge.small:
         return Diagnosis("adequate", (), ordered, sentences=(*words, "nothing is missing above the noise"))
     if slow:

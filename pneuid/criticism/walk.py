@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import chi2
 
-from pneuid.criticism.all_runs import SURE, TELLING, least_shown, shown
+from pneuid.criticism.all_runs import SURE, TELLING, least_shown, shown, within_a_sample
 from pneuid.criticism.defects import equation_defects
 from pneuid.criticism.diagnosis import Candidate
 from pneuid.criticism.ladder import Rung
@@ -45,7 +45,7 @@ SHOWN = (
     "of chance and the method; the held-out runs alone cannot judge it: hold out one like the training runs, or fit to all"
 )
 
-IN_TURN = "errors of held-out runs are those of fits to all the other runs, held-out ones too, with this effect and without"
+IN_TURN = "each held-out run is predicted by fits to all runs but it, with this effect and without"
 
 OPEN = "noise and what the training runs leave open explain the held-out error; now all runs are fitted together"
 UNEXPLAINED = "nothing that the training runs suggest explains the held-out runs; now all runs are fitted together"
@@ -63,10 +63,6 @@ SUSPECT = (
 MINOR = 0.5
 """Share of the excess explained, below which what was found stands in for something else, or beside something larger."""
 
-LACKING = 2.0
-"""Excess, in units of that which counts as none, that a bench's model fitted to all runs leaves of the held-out ones if it
-lacks something: 22 null benches leave 1.1 at most, all but one less than 0.6."""
-
 BETTER_START = (
     "the model that stood before fits better from another start ({:.2f} -> {:.2f} floors); all is measured against that"
 )
@@ -78,8 +74,8 @@ class Walk:
 
     current, first : trials of the standing model and of the base; named : effects accepted so far; ambiguous : by the name
     of an accepted effect, those that explain as much; moved : what was said of better starts, and of what all runs show;
-    pooled : whether all runs decide, to which then the trials are fitted; lacking : a model that leaves more than noise
-    fitted to all runs, where nothing was named.
+    pooled : whether all runs decide, to which then the trials are fitted; lacking : the model fitted to all runs, where nothing
+    was named although an effect lowers their cost by more than chance.
     """
 
     judge: Judge
@@ -131,13 +127,12 @@ class Walk:
             for name in both.named:
                 self._take_shown(name, base, both)
             self._suspect(tried, base, least)
-        if not self.named and self.current.error - 1.0 > self.judge.small and base.error - 1.0 > LACKING * self.judge.small:
-            self.lacking = base
         return False
 
     def _suspect(self, tried: Tried, base: Trial, least: float) -> None:
         """Where nothing was named although an effect lowers the cost of all runs by more than chance: something is lacking."""
-        drops = [(now - after, trial.added) for _, trial in tried for now, after in [costs(base, trial)]]
+        told = [trial for score, trial in tried if not within_a_sample(score, trial)]
+        drops = [(now - after, trial.added) for trial in told for now, after in [costs(base, trial)]]
         most, name = max(drops, key=lambda item: item[0], default=(0.0, None))
         if not self.named and most > least:
             self.lacking = base
