@@ -55,6 +55,14 @@ def test_what_does_not_leave_noise_alone_is_not_shown():
     assert names(("load_mass", 13_000.0), by=judge(learned=0.9)) == []
 
 
+@pytest.mark.parametrize(("weighted", "named"), [(21_600, False), (21_700, True)])
+def test_what_the_relaxed_fit_leaves_counts_where_a_simulation_is_far_off(weighted, named):
+    """A run full of break-aways is simulated badly by a model that lacks nothing."""
+    trial = stub(1.0, 13_000.0, "load_mass", weighted=weighted)
+    found = shown([(score("load_mass", 500.0), trial)], BASE, judge(learned=0.9))
+    assert bool(found) == named
+
+
 def test_the_largest_fall_is_named_and_what_cannot_be_told_from_it_beside_it():
     ends = [("friction_position", 13_700.0), ("load_mass", 13_200.0), ("gravity", 13_210.0)]
     assert names(*ends) == ["load_mass", "gravity"]

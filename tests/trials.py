@@ -14,9 +14,10 @@ JUDGE = SimpleNamespace(
 )
 
 
-def stub(error: float, cost: float, added: str | None = None, relaxation: float = 0.1) -> Trial:
+def stub(error: float, cost: float, added: str | None = None, relaxation: float = 0.1, weighted: int = 20_000) -> Trial:
     """A trial with the held-out error (squared floors) and cost of the training runs that matter here."""
-    fit = SimpleNamespace(relaxed_cost=cost, loose_cost=cost, problem=SimpleNamespace(relaxation=relaxation))
+    problem = SimpleNamespace(relaxation=relaxation, weighted=weighted)
+    fit = SimpleNamespace(relaxed_cost=cost, loose_cost=cost, problem=problem)
     return Trial(fit, error, error, {}, {}, {}, added)  # type: ignore[arg-type]
 
 

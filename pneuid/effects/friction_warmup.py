@@ -42,7 +42,7 @@ class FrictionWarmup(Effect):
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """Fall of the logarithm of friction at the reference power, and the time over which power is averaged."""
         return (
-            Parameter("w_warm", "w", "1", 0.0, 10.0, 0.0, 0.05, _SOURCE, off=0.0),
+            Parameter("w_warm", "w", "1", 0.0, 2.0, 0.0, 0.05, _SOURCE, off=0.0),
             Parameter("tau_warm", "τ_w", "s", 0.2, 7200.0, 20.0, 1.0, _SOURCE, positive=True, prior=1.5),
         )
 

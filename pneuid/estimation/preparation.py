@@ -18,7 +18,7 @@ from pneuid.recording import Recording
 from pneuid.rig import Rig
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Run:
     """One recording made ready.
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from pneuid.effect import Parameter
 from pneuid.estimation.end_stops import stretches
+from pneuid.estimation.forgetting import renewed
 from pneuid.estimation.own import QUANTITIES, declared, of_key
 from pneuid.estimation.preparation import Run
 from pneuid.interval import IntervalFunction, interval_function, jacobian_function
@@ -38,8 +39,9 @@ TIGHT = 0.1
 """Spread of the defects of a model that lacks little: a tenth of 0.1 mm, 1 cm/s, 1 kPa and 10 um per interval."""
 
 OWN_DEFECT = 0.1
-"""Defects allowed to the states that effects bring, in units of their scale times the relaxation: with as much freedom as
-position or pressure have, such a state becomes an unknown input that explains anything."""
+"""Defects allowed to the states that effects bring, in units of their scale times the relaxation and of what is new in them
+after an interval: with as much freedom as position or pressure have, such a state becomes an unknown input that explains
+anything."""
 
 ON_BOUND_SHARE, ON_BOUND = 1e-4, 1e-3
 """Distances within which a search variable counts as lying on its bound: a share of its range, and at most that much."""
@@ -134,7 +136,8 @@ class Shooting:
         self.function: IntervalFunction = interval_function(plant, selected, node_every, substeps)
         self.ns, self.nq = len(plant.states), len(self.free)
         self.state_scale = plant.state_scales.copy()
-        self.state_scale[plant.explicit_count + 1 :] *= OWN_DEFECT
+        own = renewed(plant, self.runs, node_every * interval)
+        self.state_scale[plant.explicit_count + 1 :] *= OWN_DEFECT * own
         counts = [-(-run.n // node_every) for run in self.runs]
         self.first = np.concatenate([[0], np.cumsum(counts)]).astype(int)
         self.nint = int(self.first[-1])
