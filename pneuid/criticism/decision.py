@@ -29,6 +29,9 @@ from pneuid.recording import Recording
 MOSTLY = 0.9
 """Share of the excess explained, below which a rest is reported; below ``MINOR`` the rest, then more, is the verdict."""
 
+STILL_FAR = 3.0
+"""Held-out error in floors from which a rest is reported however much was explained."""
+
 MOST_ROUNDS = 4
 """Rounds of the walk, each of which accepts an effect, two at once, or a better start."""
 
@@ -104,7 +107,8 @@ def _verdict(walk: Walk, slow: bool = False) -> Diagnosis:
     # little of the excess gone: what was found stands beside something larger that the catalogue does not hold
     larger = not adequate and removed < MINOR
     rivals = tuple(name for name in walk.ambiguous.get(named[0], ()) if name not in named)
-    rest = _rest(current) if not adequate and removed < MOSTLY else None
+    much = removed < MOSTLY or current.error > STILL_FAR**2
+    rest = _rest(current) if not adequate and much else None
     if rivals and not larger:
         return Diagnosis("ambiguous", (named[0], *rivals, *named[1:]), ordered, rest, sentences=tuple(words))
     if rest is not None:

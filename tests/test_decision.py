@@ -1,0 +1,39 @@
+"""What the verdict says of the place where a walk ended."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from trials import JUDGE, stub
+
+from pneuid.criticism import decision
+from pneuid.criticism.diagnosis import Unknown
+
+REST = Unknown("force", ("x",), 1.0, "N")
+
+
+@pytest.fixture(autouse=True)
+def _ends(monkeypatch):
+    monkeypatch.setattr(decision, "explained_away", lambda trial, judge: judge.explains(trial))
+    monkeypatch.setattr(decision, "_rest", lambda _: REST)
+
+
+def verdict(before: float, after: float):
+    """Of a walk from ``before`` to ``after`` squared floors by one effect."""
+    walk = SimpleNamespace(
+        named=["gravity"], first=stub(before, 1e4), current=stub(after, 1e3, "gravity"), judge=JUDGE, ranking={}, pooled=False,
+        ambiguous={}, lacking=None,
+    )  # fmt: skip
+    return decision._verdict(walk)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said", "rest"),
+    [(400.0, 1.1, "effect", False), (400.0, 8.9, "effect", False), (400.0, 9.1, "effect", True), (30.0, 8.0, "effect", True),
+     (30.0, 20.0, "unknown", True)],
+)  # fmt: skip
+def test_a_rest_is_reported_where_a_tenth_of_the_excess_is_left_or_three_floors(before, after, said, rest):
+    found = verdict(before, after)
+    assert (found.verdict, found.unknown is REST) == (said, rest)
+    assert ("a part of the error remains" in " ".join(found.sentences)) == rest
