@@ -11,7 +11,7 @@ from trials import FIRST, JUDGE, score, stub
 
 from pneuid.criticism import rounds
 from pneuid.criticism.jumps import Jump
-from pneuid.criticism.prediction import NoiseFloor
+from pneuid.criticism.noise_floor import NoiseFloor
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial

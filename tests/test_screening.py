@@ -14,7 +14,9 @@ from scipy.sparse.linalg import spsolve
 
 from pneuid.criticism.decision import Verdict, diagnose
 from pneuid.criticism.defect_shapes import defect_shapes
-from pneuid.criticism.prediction import Frozen, Prediction, noise_floor, predict, rmse, typical
+from pneuid.criticism.frozen import Frozen
+from pneuid.criticism.noise_floor import noise_floor
+from pneuid.criticism.prediction import Prediction, predict, rmse, typical
 from pneuid.criticism.screening import Batch, Fitted, Score, screen, screened
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.assembly import relaxed_system

@@ -13,8 +13,9 @@ from helpers import rig
 from pneuid.criticism.decision import Verdict
 from pneuid.criticism.diagnosis import Diagnosis, Unknown
 from pneuid.criticism.distil import _fitted
+from pneuid.criticism.frozen import Frozen
 from pneuid.criticism.ladder import Rung
-from pneuid.criticism.prediction import Frozen, noise_floor
+from pneuid.criticism.noise_floor import noise_floor
 from pneuid.criticism.probes import Probing
 from pneuid.criticism.unknown import Found, _unknown, _with_second, explained, ranking, search
 from pneuid.effects import CATALOGUE

@@ -10,10 +10,10 @@ from helpers import rig
 
 from pneuid.criticism.all_runs import SHOWN_DROP
 from pneuid.criticism.decision import diagnose
-from pneuid.criticism.prediction import Starts, _stretched
 from pneuid.criticism.screening import Score, screen
 from pneuid.criticism.trial import judge_of
 from pneuid.criticism.unsettled import unsettled
+from pneuid.criticism.window_starts import Starts, stretched
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import Fit, fit
 from pneuid.estimation.preparation import prepare
@@ -127,7 +127,7 @@ def test_what_only_the_held_out_runs_excite_is_named_by_all_of_them():
 
 def test_a_stiffer_bristle_starts_with_the_same_force():
     states = np.array([[0.1, 0.0, 4e-5], [0.2, 0.0, -2e-5]])
-    found = _stretched(Starts(states, np.ones_like(states)), 2, 0.5)
+    found = stretched(Starts(states, np.ones_like(states)), 2, 0.5)
     np.testing.assert_allclose(found.states, states * [1.0, 1.0, 0.5])
-    np.testing.assert_allclose(_stretched(states, 2, 0.5), states * [1.0, 1.0, 0.5])
+    np.testing.assert_allclose(stretched(states, 2, 0.5), states * [1.0, 1.0, 0.5])
     assert states[0, 2] == 4e-5, "the known starts stay as they are"

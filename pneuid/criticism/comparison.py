@@ -10,7 +10,9 @@ import pandas as pd
 
 from pneuid.criticism.defects import EquationDefect, equation_defects
 from pneuid.criticism.frames import notebook_html
-from pneuid.criticism.prediction import Frozen, Prediction, noise_floor, predict, predict_free, rmse
+from pneuid.criticism.frozen import Frozen
+from pneuid.criticism.noise_floor import noise_floor
+from pneuid.criticism.prediction import Prediction, predict, predict_free, rmse
 from pneuid.criticism.regions import Region, find_regions
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import Run, prepare

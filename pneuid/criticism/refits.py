@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pneuid.criticism.prediction import Frozen, predict, typical
+from pneuid.criticism.frozen import Frozen
+from pneuid.criticism.prediction import predict, typical
 from pneuid.effect import Effect
 from pneuid.estimation.first_guess import BREAK_AWAY, first_guess, motions
 from pneuid.estimation.fit import Fit, comparable_costs, fit

@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pneuid.criticism.prediction import Frozen, NoiseFloor, Prediction, noise_floors, predict, rmse, typical
+from pneuid.criticism.frozen import Frozen
+from pneuid.criticism.noise_floor import NoiseFloor, noise_floors
+from pneuid.criticism.prediction import Prediction, predict, rmse, typical
 from pneuid.criticism.unsettled import unsettled
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import Run

@@ -15,7 +15,8 @@ import numpy as np
 from pneuid.criticism.decision import Verdict
 from pneuid.criticism.diagnosis import Unknown
 from pneuid.criticism.distil import Distilled, distilled
-from pneuid.criticism.prediction import Frozen, predict, rmse
+from pneuid.criticism.frozen import Frozen
+from pneuid.criticism.prediction import predict, rmse
 from pneuid.criticism.probes import Joint, Probing, weights
 from pneuid.effects._spline import KNOTS, Term, curve_columns, spline
 from pneuid.estimation.curves import POINTS, Curve, visited

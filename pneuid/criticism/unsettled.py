@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from pneuid.criticism.prediction import Frozen, NoiseFloor, predict_apart, typical
+from pneuid.criticism.frozen import Frozen
+from pneuid.criticism.noise_floor import NoiseFloor
+from pneuid.criticism.prediction import predict_apart, typical
 from pneuid.estimation.curves import relaxed_covariance
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import Run
