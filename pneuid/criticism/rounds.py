@@ -143,7 +143,8 @@ def _helps(trial: Trial, current: Trial) -> bool:
 def second_looks(
     current: Trial, scores: Sequence[Score], tried: Tried, judge: Judge, refitter: Refitter, say: Say
 ) -> Tried:
-    """Those tried, and trials with others that act on the loudest balance, from typical amplitudes, until one explains all.
+    """Those tried, and trials with others from typical amplitudes, until one explains all: those that act on the loudest
+    balance, and those that promise as much as was worth a refit before others led.
 
     First come those that promise most, at zero or at a step of a typical size or of a part of it, from where that step leads.
     An effect whose refit set out far below a typical amplitude, or that promised much and did not help, is tried again, and the
@@ -152,16 +153,17 @@ def second_looks(
     loudest = max(equation_defects(current.fit), key=lambda item: item.rms / max(item.expected_rms, 1e-12), default=None)
     acting = ACTING_ON[loudest.equation if loudest else "force"]
     known = {score.effect.name: trial for score, trial in tried}
+    worth = WORTH_REFITTING * scores[0].drop if scores else 0.0
     open_ones = [
         score for score in scores
-        if score.effect.equation in acting and (
+        if (score.effect.equation in acting and (
             score.effect.name not in known or _set_out_small(current, score)
             or (score.gain > CLEAR_DROP and not _helps(known[score.effect.name], current))
-        )
+        )) or (score.effect.name not in known and score.drop > worth)
     ]  # fmt: skip
     if not open_ones:
         return list(tried)
-    say(f"these leave much; a second look at what acts on {', '.join(acting)}")
+    say(f"these leave much; a second look at what acts on {', '.join(acting)}, or promises much")
     typical = {score.effect.name: _typical_start(current, score) for score in open_ones}
     jumps = jumped(current.fit, scores, typical, refitter.order)
     left = sorted(open_ones, key=lambda score: -max(score.drop, jumps[score.effect.name].drop))[:SECOND_LOOKS]
