@@ -11,7 +11,7 @@ from trials import score, stub
 
 from pneuid.criticism import all_runs as module
 from pneuid.criticism import walk
-from pneuid.criticism.all_runs import least_shown, shown, within_a_sample
+from pneuid.criticism.all_runs import beyond_doubt, least_shown, shown, within_a_sample
 from pneuid.criticism.diagnosis import Candidate, Diagnosis
 from pneuid.criticism.walk import Walk, explained_away
 from pneuid.diagnose import _next
@@ -168,6 +168,25 @@ def test_what_lowers_the_cost_but_leaves_more_than_noise_makes_the_model_lacking
     going, _, _ = walking(monkeypatch, 500.0, 13_500.0, learned=0.9)
     assert not going.step()
     assert going.named == [] and going.lacking is not None and going.lacking.fit.runs == ("slow", "fast", "held")
+
+
+@pytest.mark.parametrize(
+    ("base", "error", "cost", "learned", "sure"),
+    [(1.4, 1.05, 13_200.0, 1.1, True), (1.4, 1.05, 13_400.0, 1.1, False), (1.1, 1.05, 13_200.0, 1.1, False),
+     (1.4, 1.2, 13_200.0, 1.1, False), (1.4, 1.05, 13_200.0, 0.9, False)],
+)  # fmt: skip
+def test_noise_alone_with_the_effect_and_more_without_it_is_beyond_doubt(base, error, cost, learned, sure):
+    """Ten times the 70 asked of 14 000."""
+    trial = stub(error, cost, "load_mass")
+    assert beyond_doubt(stub(base, 14_000.0), trial, judge(learned)) is sure
+
+
+def test_what_is_beyond_doubt_is_named_although_the_run_left_out_is_predicted_worse(monkeypatch):
+    going, _, _ = walking(monkeypatch, 500.0, 13_500.0, left=(1.8, 60.0))
+    monkeypatch.setattr(walk, "beyond_doubt", lambda *_: True)
+    assert not going.step()
+    assert going.named == ["load_mass"] and going.pooled and going.current.error == 60.0
+    assert walk.OUTSIDE in going.moved
 
 
 def lag_of(tau: float) -> SimpleNamespace:

@@ -18,6 +18,9 @@ SHOWN_DROP, SHOWN_SHARE = 30.0, 0.005
 """Drop of half the sum of squares of all runs, and share of it, that show an effect: smoothing of the motion and the step's own
 error leave traces that grow with the number of samples."""
 
+BEYOND_DOUBT = 10.0
+"""Times the least drop that leave no doubt, where besides noise alone is left with the effect and more without it."""
+
 TELLING = 0.03
 """Share of the held-out excess, or of the gain on the runs fitted to, by which the better of two effects must lead
 to be told from the other: the error 200 ms ahead has heavy tails, at break-away, that make smaller leads accidental."""
@@ -38,6 +41,16 @@ def fitted(trial: Trial, judge: Judge) -> bool:
     leave up to 3.7 squared floors of their training runs, but no more than 1.15 of the noise in the relaxed fit.
     """
     return judge.learned(trial) or 2.0 * trial.fit.relaxed_cost / max(trial.fit.problem.weighted, 1) < MISFIT
+
+
+def beyond_doubt(base: Trial, trial: Trial, judge: Judge) -> bool:
+    """Whether of two fits to all runs only the one with the effect leaves noise alone, at a cost far below.
+
+    Then the run left out is predicted badly because it asks for what no other run shows: a place that none visits.
+    """
+    now, after = costs(base, trial)
+    clean = judge.learned(trial) and trial.error - 1.0 < judge.small <= base.error - 1.0
+    return clean and now - after > BEYOND_DOUBT * least_shown(base)
 
 
 def within_a_sample(score: Score, trial: Trial) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import chi2
 
-from pneuid.criticism.all_runs import SURE, TELLING, least_shown, shown, within_a_sample
+from pneuid.criticism.all_runs import SURE, TELLING, beyond_doubt, least_shown, shown, within_a_sample
 from pneuid.criticism.defects import equation_defects
 from pneuid.criticism.diagnosis import Candidate
 from pneuid.criticism.ladder import Rung
@@ -46,6 +46,8 @@ SHOWN = (
 )
 
 IN_TURN = "each held-out run is predicted by fits to all runs but it, with this effect and without"
+
+OUTSIDE = "they know nothing of what the run left out asks for; but only with this effect does a fit to all runs leave noise alone"
 
 OPEN = "noise and what the training runs leave open explain the held-out error; now all runs are fitted together"
 UNEXPLAINED = "nothing that the training runs suggest explains the held-out runs; now all runs are fitted together"
@@ -147,11 +149,12 @@ class Walk:
         asked = MINOR if without.error - 1.0 > self.judge.small else 0.0
         # a single held-out run has no others to learn from: what the training runs leave open may hide any gain
         may = share > 0.0 or len(others[1]) == 1
-        if not (share > asked or (may and self.judge.explains_across(trial, others[1]))):
+        better = share > asked or (may and self.judge.explains_across(trial, others[1]))
+        if not better and not beyond_doubt(base, both.current, self.judge):
             self.rungs.append(self.rung(trial, False))
             self.moved.append(ASTRAY.format(name, np.sqrt(trial.whole), np.sqrt(without.whole)))
             return
-        self.moved.append(IN_TURN)
+        self.moved += [IN_TURN] if better else [IN_TURN, OUTSIDE]
         self.rungs = [self.rung(without, True), *self.rungs[1:], self.rung(trial, True)]
         self.first, self.current = without, trial
         self.named, self.ambiguous, self.pooled = [name], both.ambiguous, True
