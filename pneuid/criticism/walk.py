@@ -47,7 +47,7 @@ SHOWN = (
 
 IN_TURN = "each held-out run is predicted by fits to all runs but it, with this effect and without"
 
-OUTSIDE = "they know nothing of what the run left out asks for; but only with this effect does a fit to all runs leave noise alone"
+OUTSIDE = "they know nothing of what the run left out asks for; but only with the effect a fit to all runs leaves noise alone"
 
 OPEN = "noise and what the training runs leave open explain the held-out error; now all runs are fitted together"
 UNEXPLAINED = "nothing that the training runs suggest explains the held-out runs; now all runs are fitted together"
