@@ -37,3 +37,16 @@ def test_a_rest_is_reported_where_a_tenth_of_the_excess_is_left_or_three_floors(
     found = verdict(before, after)
     assert (found.verdict, found.unknown is REST) == (said, rest)
     assert ("a part of the error remains" in " ".join(found.sentences)) == rest
+
+
+@pytest.mark.parametrize(
+    ("exact", "after", "said"), [(None, 9.1, "unknown"), (None, 8.9, "adequate"), (SimpleNamespace(), 9.1, "adequate")]
+)
+def test_a_model_far_off_at_break_away_that_has_no_exact_fit_is_not_adequate(exact, after, said, monkeypatch):
+    monkeypatch.setattr(decision, "loudest", lambda _: 1.2)
+    current = stub(after, 1e4)
+    current.fit.exact = exact
+    walk = SimpleNamespace(current=current, judge=JUDGE, lacking=None)
+    found = decision._nothing_named(walk, ["so far"], (), slow=False, adequate=False)
+    assert found.verdict == said and found.sentences[0] == "so far"
+    assert (decision.AT_BREAK_AWAY in found.sentences) == (said == "unknown")

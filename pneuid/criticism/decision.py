@@ -30,7 +30,8 @@ MOSTLY = 0.9
 """Share of the excess explained, below which a rest is reported; below ``MINOR`` the rest, then more, is the verdict."""
 
 STILL_FAR = 3.0
-"""Held-out error in floors from which a rest is reported however much was explained."""
+"""Held-out error in floors from which a rest is reported however much was explained, and a fit without an exact end is not
+called adequate."""
 
 MOST_ROUNDS = 4
 """Rounds of the walk, each of which accepts an effect, two at once, or a better start."""
@@ -38,6 +39,11 @@ MOST_ROUNDS = 4
 OPEN = (
     "the held-out runs ask for what the training runs leave open of the parameters, and that explains the error; "
     "train on runs that cover the speeds and pressures of the held-out ones"
+)
+
+AT_BREAK_AWAY = (
+    "no balance leaves a defect above noise, but no exact fit was found and predictions are far off at break-away: "
+    "something may be missing there, or the fit has not found it; the first of the ranking is what to try"
 )
 
 SHOWN = (
@@ -138,6 +144,8 @@ def _nothing_named(
         shown = (SHOWN.format(ordered[0].effect),) if plain else ()
         return Diagnosis("adequate", (), ordered, sentences=(*words, OPEN, *shown))
     if loudest(current) < DEFECT_RATIO:
+        if current.fit.exact is None and current.error > STILL_FAR**2:
+            return Diagnosis("unknown", (), ordered, _rest(current), sentences=(*words, AT_BREAK_AWAY))
         quiet = "no balance leaves a defect above noise; what the predictions lose, they lose at break-away"
         return Diagnosis("adequate", (), ordered, sentences=(*words, quiet))
     return Diagnosis("unknown", (), ordered, _rest(current), sentences=(*words, "the catalogue does not explain it"))
