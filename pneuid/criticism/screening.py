@@ -327,14 +327,16 @@ def _rolled_out(fitted: Fitted, plant: Plant, values: dict[str, float]) -> np.nd
     if not fresh:
         return nodes
     initial = {state.name: state.initial for state in plant.effect_states}
-    step = Mapped(trajectory_function(plant, problem.samples, problem.substeps), 1)
-    theta, K = problem.theta_of(values, plant), problem.samples
-    for first, last in zip(problem.first[:-1], problem.first[1:], strict=True):
-        own = np.array([initial[plant.states[i]] for i in fresh])
-        for i in range(first, last):
-            nodes[fresh, i] = own
-            _, states = step(nodes[:, i], problem.data[:, i * K : (i + 1) * K], theta[:, i])
-            own = states[fresh, -1]
+    counts = np.diff(problem.first)
+    step = Mapped(trajectory_function(plant, problem.samples, problem.substeps), counts.size)
+    theta, data = problem.theta_of(values, plant), problem.data.reshape(problem.data.shape[0], problem.nint, -1)
+    own = np.tile([[initial[plant.states[i]]] for i in fresh], counts.size)
+    for k in range(counts.max()):
+        # all runs at once; one that has ended stays at its last interval
+        at = problem.first[:-1] + np.minimum(k, counts - 1)
+        nodes[np.ix_(fresh, at)] = own
+        _, states = step(nodes[:, at], data[:, at].reshape(data.shape[0], -1), theta[:, at])
+        own = np.where(k + 1 < counts, states[fresh, problem.samples :: problem.samples + 1], own)
     return nodes
 
 
