@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pneuid.effects import effects_by_name
-from pneuid.estimation.forgetting import renewed
+from pneuid.estimation import forgetting
+from pneuid.estimation.forgetting import LEAST, renewed
 from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
 from pneuid.estimation.shooting import OWN_DEFECT, Shooting
 from pneuid.plant import Plant
@@ -42,6 +43,14 @@ def test_a_state_of_one_time_constant_renews_as_white_noise_through_it_does(inte
 def test_what_forgets_within_the_interval_is_new_after_it(name):
     plant, run, _ = made(name)
     assert np.all(renewed(plant, [run], 0.02) > 0.999)
+
+
+@pytest.mark.parametrize(("rate", "share"), [(0.0, LEAST), (np.nan, 1.0), (np.inf, 1.0), (1e-9, LEAST)])
+def test_the_share_can_be_divided_by_whatever_the_rate(rate, share, monkeypatch):
+    """Records at rest move no such state; one too fast for the sampling runs away."""
+    plant, run, _ = made("friction_presliding_memory")
+    monkeypatch.setattr(forgetting, "_rates", lambda *_: np.array([rate]))
+    assert renewed(plant, [run], 0.02) == pytest.approx([share])
 
 
 def test_a_model_without_such_states_has_none():

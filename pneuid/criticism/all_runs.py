@@ -38,7 +38,7 @@ def fitted(trial: Trial, judge: Judge) -> bool:
     """Whether noise is enough to explain what the trial leaves of all runs: their simulation, or the relaxed fit to them.
 
     A simulation of runs full of break-aways may be far off although nothing is missing: 40 random benches that lack nothing
-    leave up to 3.7 squared floors of their training runs, but no more than 1.15 of the noise in the relaxed fit.
+    leave up to 3.7 squared floors of their training runs, but no more than 1.12 of the noise in the relaxed fit.
     """
     return judge.learned(trial) or 2.0 * trial.fit.relaxed_cost / max(trial.fit.problem.weighted, 1) < MISFIT
 

@@ -52,8 +52,6 @@ SHOWN = (
 )
 
 
-
-
 @dataclass
 class Verdict:
     """What ``diagnose`` returns: the diagnosis, the model it ends with, the base that it was measured against, and the rungs

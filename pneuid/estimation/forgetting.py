@@ -11,6 +11,9 @@ from pneuid.estimation.first_guess import bristle, followed_effects
 from pneuid.estimation.preparation import Run
 from pneuid.plant import Plant
 
+LEAST = 1e-3
+"""Share that is taken for new at least: that of what lasts for hours."""
+
 
 def renewed(plant: Plant, runs: Sequence[Run], interval: float) -> np.ndarray:
     """Share ``(ne,)`` of the spread of each effect's state that is new after ``interval`` s, from 0 to 1.
@@ -22,7 +25,9 @@ def renewed(plant: Plant, runs: Sequence[Run], interval: float) -> np.ndarray:
     if not plant.effect_states:
         return np.zeros(0)
     rates = np.mean([_rates(plant, run) for run in runs], axis=0)
-    return np.asarray(np.sqrt(-np.expm1(-2.0 * rates * interval)))
+    share = np.sqrt(-np.expm1(-2.0 * rates * interval))
+    # a state too fast for the sampling runs away, rate and all; one that nothing moves keeps a scale that can be divided by
+    return np.clip(np.nan_to_num(share, nan=1.0), LEAST, 1.0)
 
 
 @lru_cache(maxsize=16)
