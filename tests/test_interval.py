@@ -20,6 +20,7 @@ from pneuid.estimation.first_guess import first_nodes
 from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
 from pneuid.estimation.shooting import Shooting
 from pneuid.estimation.solver import _Evaluator
+from pneuid.estimation.thinning import section
 from pneuid.interval import IntervalFunction, data_rows, interval_function, structure_key
 from pneuid.physics.smoothing import FINE
 from pneuid.plant import Plant
@@ -317,12 +318,11 @@ def _small_problem(effects: tuple[str, ...] = ()) -> tuple[Shooting, np.ndarray]
     runs = []
     plant = Plant(rig("servo", {"runs": {"s7.csv": {"mass": "3 kg"}}}), "lugre", effects_by_name(effects))
     recordings = [servo_run("multisine", 5, 11), servo_run("steps", 7, 12)]
-    for recording, piece in zip(recordings, (slice(790, 837), slice(500, 533)), strict=True):
-        whole = prepare(recording, plant, noise_of(plant.rig, recordings))
-        data = whole.data[:, piece].copy()
+    for recording, piece in zip(recordings, ((790, 837), (500, 533)), strict=True):
+        part = section(prepare(recording, plant, noise_of(plant.rig, recordings)), *piece)
+        data = part.data.copy()
         data[-3:, 5:8] = 0.0
-        motion = replace(whole.motion, **{name: getattr(whole.motion, name)[piece] for name in ("x", "v", "a")})
-        runs.append(replace(whole, t=whole.t[piece], data=data, motion=motion, contact=whole.contact[piece]))
+        runs.append(replace(part, data=data))
     values = {item.name: item.start if item.off is None else item.off + 0.1 * item.scale for item in plant.parameters}
     values |= {name: value * 1.1 for name, value in TRUTH.items()} | {"n": 1.15}
     problem = Shooting(plant, runs, plant.parameter_names, values, RANGES, SUBSTEPS, node_every=10)
