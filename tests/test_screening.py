@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from helpers import base_fit, held_runs, rig, scores
+from helpers import base_fit, held_runs, rig, scores, values_of
 from scipy.sparse.linalg import spsolve
 
 from pneuid.criticism.decision import Verdict, diagnose
@@ -17,12 +18,14 @@ from pneuid.criticism.defect_shapes import defect_shapes
 from pneuid.criticism.frozen import Frozen
 from pneuid.criticism.noise_floor import noise_floor
 from pneuid.criticism.prediction import Prediction, predict, rmse, typical
-from pneuid.criticism.screening import Batch, Fitted, Score, screen, screened
-from pneuid.effects import CATALOGUE
+from pneuid.criticism.screening import Batch, Fitted, Score, _rolled_out, screen, screened
+from pneuid.effects import CATALOGUE, effects_by_name
 from pneuid.estimation.assembly import relaxed_system
+from pneuid.estimation.first_guess import first_nodes
 from pneuid.estimation.fit import Fit, fit
 from pneuid.estimation.preparation import prepare
 from pneuid.estimation.shooting import Shooting
+from pneuid.estimation.thinning import section
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.virtual_rig import HIDDEN_EFFECTS, Friction, TruthBench, record_bench, sine, strokes
@@ -54,6 +57,23 @@ def test_the_hidden_effect_or_its_group_comes_first(hidden):
     for other in found[1:]:
         if other.effect.name not in found[0].group and hidden not in other.group:
             assert other.drop < 0.95 * found[0].drop, other.effect.name
+
+
+def test_states_of_effects_follow_every_run_as_if_it_were_alone():
+    """Runs of 12, 30 and 7 intervals; the last of 30 ends at the same state whatever runs are beside it."""
+    base, plant = base_fit(), Plant(rig(), "lugre", effects_by_name(["friction_warmup", "heat_transfer"]))
+    whole = base.runs[0]
+    runs = [section(whole, first, last) for first, last in ((0, 240), (500, 1100), (2000, 2140))]
+    values = values_of(plant, {"w_warm": 0.3, "tau_warm": 1.0})
+
+    def followed(some):
+        problem = Shooting(base.plant, some, list(base.plant.parameter_names), base.values, base.ranges, base.substeps)
+        nodes = first_nodes(base.plant, some, [run.motion for run in some], base.values, problem.samples)
+        return _rolled_out(SimpleNamespace(fit=SimpleNamespace(problem=problem), nodes=nodes), plant, values)
+
+    alone = np.hstack([followed([run]) for run in runs])
+    assert alone.shape[1] == 12 + 30 + 7 and np.all(np.ptp(alone[-3:], axis=1) > 0.0)
+    np.testing.assert_array_equal(followed(runs), alone)
 
 
 @pytest.mark.parametrize("seed", [1, 3])
