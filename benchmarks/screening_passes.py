@@ -7,7 +7,7 @@ builds the functions, is reported apart.
 from __future__ import annotations
 
 import argparse
-import time
+from timeit import timeit
 
 import numpy as np
 from hidden_effects import KNOWN, Case, runs_of
@@ -22,13 +22,6 @@ CASES = {
 }
 
 
-def seconds(what: object) -> float:
-    """Wall time of one call of ``what``."""
-    began = time.perf_counter()
-    what()  # type: ignore[operator]
-    return time.perf_counter() - began
-
-
 def measured(base: Fit, repeats: int) -> tuple[float, list[float], list[float]]:
     """The first screening, then warm screenings and passes in turn, s."""
     problem, X = base.problem, base.relaxed.X
@@ -36,9 +29,9 @@ def measured(base: Fit, repeats: int) -> tuple[float, list[float], list[float]]:
     def screened() -> None:
         screen(base, list(KNOWN.values()), list(KNOWN))
 
-    cold = seconds(screened)
+    cold = timeit(screened, number=1)
     problem.evaluate(X)
-    pairs = [(seconds(screened), seconds(lambda: problem.evaluate(X))) for _ in range(repeats)]
+    pairs = [(timeit(screened, number=1), timeit(lambda: problem.evaluate(X), number=1)) for _ in range(repeats)]
     return cold, [one for one, _ in pairs], [two for _, two in pairs]
 
 

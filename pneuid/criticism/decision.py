@@ -42,8 +42,8 @@ OPEN = (
 )
 
 AT_BREAK_AWAY = (
-    "no balance leaves a defect above noise, but no exact fit was found and predictions are far off at break-away: "
-    "something may be missing there, or the fit has not found it; the first of the ranking is what to try"
+    "no balance leaves a defect above noise, but predictions are far off at break-away and no exact fit stands behind the "
+    "model: something may be missing there, or this fit is not the best; the first of the ranking is what to try"
 )
 
 SHOWN = (

@@ -25,6 +25,7 @@ class Run:
     data : ``(rows, N)`` with rows dt, inputs, input slopes, measured outputs, weights (1/sigma, 0 where masked);
     own : what the run has for itself; notes : what was masked and how inputs were made; motion : smoothed
     position, speed and acceleration, one derivative for all users; contact : ``(N,)`` where the piston is at an end stop.
+    A run is equal to itself alone: arrays have no single truth, and what is known of a run is kept by it.
     """
 
     name: str
