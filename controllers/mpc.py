@@ -30,12 +30,14 @@ class MpcGains:
     """Weights and the observer's gains.
 
     velocity : s, weight of a velocity error relative to a position error; change : m/V, change of the command that
-    costs as much as a position error; terminal : factor on the weights of the last stage; the rest as in
-    ``ObserverGains``.
+    costs as much as a position error; supply : Pa absolute, below which ``change`` falls with the measured supply, because
+    what a command sets flowing does: the loop keeps its bandwidth; terminal : factor on the weights of the last stage; the
+    rest as in ``ObserverGains``.
     """
 
     velocity: float
     change: float
+    supply: float
     terminal: float
     bandwidth: float
     pressure_trust: float
@@ -66,7 +68,7 @@ class Mpc(Controller):
 
     def __init__(self, model: ControlModel, gains: MpcGains, sample_time: float = 2e-3, stages: int = 40) -> None:
         super().__init__(sample_time, model.lowest, model.highest, model.neutral)
-        self.model, self.preview = model, stages + 2
+        self.model, self.preview, self._ambient = model, stages + 2, model.value("patm")
         self.horizon = build_horizon(model, stages, sample_time)
         self._plan_x, self._plan_u = np.zeros((stages + 1, self.horizon.nx)), np.zeros(stages)
         self._planned = model.neutral
@@ -86,10 +88,11 @@ class Mpc(Controller):
         weight[1] = (h.scale[1] * gains.velocity / ERROR_SCALE) ** 2
         self._Q = np.tile(weight, (h.N + 1, 1))
         self._Q[h.N] *= gains.terminal
-        self._R = (gains.change * h.scale[-1] / ERROR_SCALE) ** 2
+        self.change_weight = (gains.change * h.scale[-1] / ERROR_SCALE) ** 2
+        """Weight of a scaled command change at the supply of the gains and above."""
         self.program = qp.Program(
-            np.swapaxes(self._A, 1, 2), self._B, np.zeros_like(self._B), self._Q, np.zeros_like(self._Q), self._R,
-            self._lower, self._upper, self._give, self._stage_state(),
+            np.swapaxes(self._A, 1, 2), self._B, np.zeros_like(self._B), self._Q, np.zeros_like(self._Q),
+            self.change_weight, self._lower, self._upper, self._give, self._stage_state(),
         )  # fmt: skip
         """The quadratic program of the last step, its arrays partly shared with the controller's work space."""
 
@@ -168,6 +171,10 @@ class Mpc(Controller):
         self._translate()
         return float(self._command_out[0])
 
+    def _weight_of_change(self) -> float:
+        """Weight of a scaled command change under the measured supply; below ambient pressure no valve moves anything."""
+        return self.change_weight * min(max(float(self._supply[0]), self._ambient) / self.gains.supply, 1.0) ** 2
+
     def _friction_ahead(self, ahead: Array) -> None:
         """Fill the known friction force of every stage."""
         scale, plan = self.horizon.scale, self._plan_x[:-1]
@@ -191,8 +198,8 @@ class Mpc(Controller):
         c = self._after - np.einsum("iab,ib->ia", A, self._start_x) - self._B * self._start_u[:, None]
         self._upper[:, 2:4] = 1.05 * self._supply[0] / h.scale[2]
         self.program = qp.Program(
-            A, self._B, c, self._Q, -self._Q * target, self._R, self._lower, self._upper, self._give,
-            self._stage_state(),
+            A, self._B, c, self._Q, -self._Q * target, self._weight_of_change(), self._lower, self._upper,
+            self._give, self._stage_state(),
         )  # fmt: skip
         found = qp.solve(*self.program, TOLERANCE)
         self.iterations = found.iterations

@@ -159,8 +159,8 @@ def mpc_gains(model: ControlModel, design: Design, sample_time: float) -> MpcGai
     w = design.bandwidth or mpc_bandwidth(model, design.supply, sample_time)
     gain, observer = authority(model, design.supply).gain, min(300.0, 0.6 / sample_time)
     return MpcGains(
-        velocity=1.5 / w, change=gain / (model.mass * sample_time * w**4), terminal=10.0,
-        bandwidth=observer, pressure_trust=1.0, alpha=design.alpha,
+        velocity=1.5 / w, change=gain / (model.mass * sample_time * w**4),
+        supply=design.supply, terminal=10.0, bandwidth=observer, pressure_trust=1.0, alpha=design.alpha,
         learning=MPC_LEARNING * design.learning * observer,
     )  # fmt: skip
 

@@ -102,6 +102,19 @@ def test_c_commands_what_python_commands(name, kind, loops, library):
 
 
 @needs_compiler
+@pytest.mark.parametrize(("psup", "share"), [(0.6 * SUPPLY, 0.6), (1.3 * SUPPLY, 1.0)])
+def test_a_change_of_command_costs_less_where_the_supply_moves_less(psup, share, found, loops, library):
+    run = loops["nmpc"][0]
+    seen = run.seen[:40].copy()
+    seen[:, 3] = psup
+    exported, controller = ExportedNmpc(library), found.nmpc
+    controller.reset(Measurement(*seen[0]), run.target[: controller.preview])
+    expected = [controller.step(Measurement(*row), run.target[k : k + controller.preview]) for k, row in enumerate(seen)]
+    assert controller.program.R == pytest.approx(share**2 * controller.change_weight, rel=1e-12)
+    np.testing.assert_allclose(exported.play(seen, run.target), expected, rtol=0.0, atol=1e-9)
+
+
+@needs_compiler
 def test_nonsense_is_handled_as_in_python(found, loops, library):
     run = loops["servo"][0]
     seen = run.seen[:60].copy()

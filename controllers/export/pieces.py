@@ -144,7 +144,8 @@ def scalars(found: Controllers) -> dict[str, float]:
     model = found.model
     return {
         "pneuid_neutral": model.neutral, "pneuid_lowest": model.lowest, "pneuid_highest": model.highest,
-        "pneuid_nmpc_change": float(found.nmpc.program.R),
+        "pneuid_nmpc_change": found.nmpc.change_weight, "pneuid_nmpc_supply": found.nmpc.gains.supply,
+        "pneuid_ambient": model.value("patm"),
     }  # fmt: skip
 
 

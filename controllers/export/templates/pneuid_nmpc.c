@@ -50,7 +50,6 @@ void pneuid_nmpc_init(pneuid_nmpc *self)
     self->rounded = pneuid_theta_rounded;
     memcpy(self->gains, pneuid_observer_gains, sizeof self->gains);
     self->applied = pneuid_neutral;
-    self->qp.R = pneuid_nmpc_change;
     memcpy(self->qp.give, pneuid_nmpc_give, sizeof self->qp.give);
     for (i = 0; i <= N; i++) {
         memcpy(self->qp.Q[i], i < N ? pneuid_nmpc_weight : pneuid_nmpc_terminal, sizeof self->qp.Q[i]);
@@ -121,11 +120,13 @@ void pneuid_nmpc_linearise(pneuid_nmpc *self, double psup)
     }
 }
 
-/* Gradient, supply bounds and start of the program. */
+/* Price of a command change, gradient, supply bounds and start of the program. */
 static void set_program(pneuid_nmpc *self, const pneuid_reference ahead[N + 1], double psup)
 {
+    const double share = fmin(fmax(psup, pneuid_ambient) / pneuid_nmpc_supply, 1.0);
     pneuid_qp *qp = &self->qp;
     int i;
+    qp->R = pneuid_nmpc_change * share * share;
     for (i = 0; i <= N; i++) {
         qp->q[i][PNEUID_X] = -qp->Q[i][PNEUID_X] * (ahead[i].position / pneuid_scale[PNEUID_X]);
         qp->q[i][PNEUID_V] = -qp->Q[i][PNEUID_V] * (ahead[i].velocity / pneuid_scale[PNEUID_V]);
