@@ -110,7 +110,7 @@ def test_a_change_of_command_costs_less_where_the_supply_moves_less(psup, share,
     exported, controller = ExportedNmpc(library), found.nmpc
     controller.reset(Measurement(*seen[0]), run.target[: controller.preview])
     expected = [controller.step(Measurement(*row), run.target[k : k + controller.preview]) for k, row in enumerate(seen)]
-    assert controller.program.R == pytest.approx(share**2 * controller.change_weight, rel=1e-12)
+    assert pytest.approx(share**2 * controller.change_weight, rel=1e-12) == controller.program.R
     np.testing.assert_allclose(exported.play(seen, run.target), expected, rtol=0.0, atol=1e-9)
 
 
