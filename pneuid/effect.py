@@ -175,6 +175,14 @@ class Effect:
         """Declarations of its parameters on this rig."""
         raise NotImplementedError(self.name)
 
+    def break_away(self, values: Mapping[str, float], ratio: float) -> dict[str, float]:
+        """Own parameters, SI, with which static friction is ``ratio`` times Coulomb friction wherever this effect moves that.
+
+        ``values`` : parameters found so far, SI. A fit starts again from there where its break-away ended wrongly. Empty for
+        an effect that gives break-away no law of its own.
+        """
+        return {}
+
     def constraints(self, base: dict[str, Expression], scope: Scope) -> tuple[Constraint, ...]:
         """Inequalities among its parameters and the ``base`` ones that keep it physical."""
         return ()

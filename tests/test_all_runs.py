@@ -99,7 +99,7 @@ def walking(
     monkeypatch.setattr(walk, "screen", lambda *_: [promised])
     monkeypatch.setattr(walk, "refitted", refits)
     monkeypatch.setattr(walk, "same_floor", lambda by, current, first, found: (by, current, first, found))
-    monkeypatch.setattr(walk, "settled", lambda trial, *_: trial)
+    monkeypatch.setattr(walk, "settled", lambda _, trial, *__: trial)
     monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
     monkeypatch.setattr(walk, "_better_without", lambda *_: None)
     monkeypatch.setattr(Walk, "rung", lambda _, trial, accepted: (trial.added, accepted, trial.fit.runs))

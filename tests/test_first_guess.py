@@ -12,10 +12,12 @@ from controllers.measure import rig_of
 from controllers.nominal import nominal_model
 from pneuid.effects import CATALOGUE, effects_by_name
 from pneuid.estimation import fit as fitting
-from pneuid.estimation.first_guess import first_nodes, follows_state
+from pneuid.estimation.first_guess import first_guess, first_nodes, follows_state, motions
 from pneuid.estimation.preparation import data_ranges, noise_of, prepare
 from pneuid.estimation.shooting import Shooting, relaxed_smoothing
+from pneuid.estimation.sliding import sliding_laws
 from pneuid.estimation.solver import INTERRUPTED
+from pneuid.estimation.starts import from_sliding
 from pneuid.estimation.task import Task
 from pneuid.plant import Plant
 from pneuid.recording import Recording
@@ -141,3 +143,45 @@ def test_the_bristle_is_read_again_while_that_helps(ends, taken, tried, monkeypa
     _, soft = fitting._reread(Task(plant, [], (), {}, None), (first, first))
     assert soft.loose_cost == taken
     assert asked == [{"Fc": end.loose_cost} for end in ends[:tried]]
+
+
+def test_laws_of_sliding_friction_are_read_off_the_data():
+    """Far enough for a fit to find break-away from them: within a tenth of the rig's, which the estimator does not know."""
+    known, theta = nominal_model(TRUTH)
+    values = dict(zip(known.theta_names, theta, strict=True))
+    plant = Plant(rig_of(TRUTH, {}), "lugre", effects_by_name(["friction_pressure"]))
+    runs = []
+    for i, (excitation, bar) in enumerate((("slow", 3.0), ("multisine", 3.0), ("slow", 7.0), ("multisine", 7.0))):
+        rig = rig_of(TRUTH, {f"{i}.csv": bar})
+        record = record_servo(TRUTH, excitation=excitation, duration=3.0, seed=20 + i, supply=bar * 1e5 + ATMOSPHERE)
+        run = Recording.from_arrays(f"{i}.csv", rig, **{name: record[name] for name in ("t", "u", "x", "p1", "p2")})
+        runs.append(prepare(run, plant, noise_of(rig, [run])))
+    guess = first_guess(plant, runs, motions(runs))
+    found = sliding_laws(plant, runs, guess)
+    for name in ("Fc", "sigma2", "k1", "k2", "k7", "k8"):
+        assert found[name] == pytest.approx(values[name], rel=0.1), name
+    assert {name for name in guess if found[name] != guess[name]} == {"Fc", "sigma2", "k1", "k2", "k7", "k8"}
+
+
+def test_break_away_starts_as_a_high_narrow_peak_that_follows_the_laws_of_sliding():
+    plant = Plant(rig_of(TRUTH, {}), "lugre", effects_by_name(["friction_pressure", "gravity"]))
+    slid = dict.fromkeys(plant.parameter_names, 1.0) | {"Fc": 4.0, "k1": 5.0, "k2": -6.0}
+    start = from_sliding(plant, slid)
+    assert {name: start[name] for name in start if start[name] != slid[name]} == {
+        "Fs": 12.0, "vs": 3e-3, "k3": 15.0, "k4": -18.0, "k5": 0.0, "k6": 0.0,
+    }  # fmt: skip
+    simple = Plant(rig_of(TRUTH, {}), "coulomb", effects_by_name(["friction_pressure"]))
+    assert from_sliding(simple, dict.fromkeys(simple.parameter_names, 1.0)) == {}, "no break-away"
+    assert from_sliding(Plant(rig_of(TRUTH, {}), "lugre", effects_by_name(["gravity"])), slid) == {}
+
+
+@pytest.mark.parametrize(("effects", "started"), [(["friction_pressure"], True), (["gravity"], False)])
+def test_a_fit_with_laws_of_break_away_starts_from_those_of_sliding_under_what_is_given(effects, started, monkeypatch):
+    plant, asked = Plant(rig_of(TRUTH, {}), "lugre", effects_by_name(effects)), []
+    guess = dict.fromkeys(plant.parameter_names, 1.0)
+    monkeypatch.setattr(Task, "guess", lambda _: guess)
+    monkeypatch.setattr(fitting, "sliding_laws", lambda *_: guess | {"Fc": 4.0})
+    monkeypatch.setattr(fitting, "relaxed_fit", lambda _, start: asked.append(start))
+    fitting._by_sliding(Task(plant, [], (), {}, None), {"sigma2": 7.0})
+    assert bool(asked) is started
+    assert not started or (asked[0]["sigma2"], asked[0]["Fs"], asked[0]["vs"]) == (7.0, 12.0, 3e-3)

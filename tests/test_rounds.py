@@ -198,7 +198,7 @@ def _looks(monkeypatch, errors, scores, tried=(), defects=(), afresh=None, jumps
     promised = {one.effect.name: Jump((jumps or {}).get(one.effect.name, 0.0), {}) for one in scores}
     monkeypatch.setattr(rounds, "jumped", lambda *_: promised)
     monkeypatch.setattr(rounds, "equation_defects", lambda _: defects)
-    monkeypatch.setattr(rounds, "_typical_start", lambda *_: {})
+    monkeypatch.setattr(rounds, "typical_start", lambda *_: {})
     monkeypatch.setattr(rounds, "_set_out_small", lambda _, one: one.start.get("small", False))
     judge = SimpleNamespace(
         spread=0.02, small=0.15, trial=lambda fit, name: fit if isinstance(fit, Trial) else stub(*errors[name], name),
@@ -219,7 +219,7 @@ def test_what_promises_most_at_a_typical_step_is_refitted_from_there(left, promi
     scores = [score("heat_transfer", 9000.0), score("gravity", 2000.0), score("exhaust_restriction", 39.0)]
     steps = {"exhaust_restriction": Jump(promised, start), "gravity": Jump(2000.0, {})}
     monkeypatch.setattr(rounds, "jumped", lambda *_: steps)
-    monkeypatch.setattr(rounds, "_typical_start", lambda *_: {})
+    monkeypatch.setattr(rounds, "typical_start", lambda *_: {})
     judge = SimpleNamespace(spread=0.02, small=0.15, trial=lambda _fit, name: stub(1.2, 20_000.0, name))
     refitter, tried = Counting(), [(scores[0], stub(left, 30_000.0, "heat_transfer"))]
     refitter.order = list(CATALOGUE)  # type: ignore[attr-defined]
@@ -306,28 +306,6 @@ def test_a_weak_amplitude_in_a_wide_range_is_not_on_its_bound():
     assert list(scaling.on_bound(scaling.to_q(np.array([5.7])))) == [False]
     assert list(scaling.on_bound(scaling.to_q(np.array([1e-4])))) == [True]
     assert list(scaling.on_bound(scaling.to_q(np.array([1e5])))) == [True]
-
-
-@pytest.mark.parametrize(("training", "taken"), [(4.0, True), (400.0, False)])
-def test_break_away_is_read_anew_where_the_training_runs_fit_better_for_it(training, taken):
-    accepted = replace(stub(2.0, 27_000.0, "gravity"), train={"x": 100.0})
-    other = replace(stub(1.5, 26_900.0, "gravity"), train={"x": training})
-    judge = SimpleNamespace(small=0.15, trial=lambda *_: other, fits=lambda trial: trial.train["x"])
-    refitter = SimpleNamespace(afresh=lambda fit: fit)
-    assert rounds.settled(accepted, judge, refitter, lambda _: None) is (other if taken else accepted)
-
-
-def test_an_accepted_effect_that_leaves_noise_alone_is_left_alone():
-    judge, refitter = SimpleNamespace(small=0.15), SimpleNamespace()
-    accepted = stub(1.1, 27_000.0, "gravity")
-    assert rounds.settled(accepted, judge, refitter, lambda _: None) is accepted
-
-
-def test_an_amplitude_of_a_second_look_is_at_least_typical():
-    plant = SimpleNamespace(rig=SimpleNamespace(mass=1.0, A1=8e-4, A2=7e-4, patm=1e5), law=None)
-    current = SimpleNamespace(fit=SimpleNamespace(plant=plant))
-    started = rounds._typical_start(current, Score(CATALOGUE["backlash"], 5.0, 1e-4, 1, {"b_play": 1e-9}, ()))
-    assert started == {"b_play": pytest.approx(3e-4)}
 
 
 def test_the_floor_is_that_of_the_best_model_and_never_rises(monkeypatch):

@@ -42,7 +42,7 @@ class _Ends:
         return SimpleNamespace(relaxation=0.1 if self.near else 1.0), Relaxed(outcome, 0.1 if self.near else 2.0, cost)
 
 
-PLANT = SimpleNamespace(law=SimpleNamespace(static=False), rig=SimpleNamespace(mass=1.0))
+PLANT = SimpleNamespace(law=SimpleNamespace(static=False), rig=SimpleNamespace(mass=1.0), effects=())
 TASK = Task(PLANT, [], (), {}, None)
 
 

@@ -38,7 +38,7 @@ def test_what_reading_break_away_anew_makes_worse_is_the_best_no_longer(read_ane
     monkeypatch.setattr(walk, "refitted", lambda *_: tried)
     monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
-    monkeypatch.setattr(walk, "settled", lambda trial, *_: ends[trial.added])
+    monkeypatch.setattr(walk, "settled", lambda _, trial, *__: ends[trial.added])
     after, chosen = walking()._round([], 15.0)
     assert chosen is not None and chosen[0].effect.name == named and chosen[1] is ends[named]
     assert after[0][1] is ends["load_mass"], "what was tried is told as it ended"
@@ -226,7 +226,7 @@ def _joined(monkeypatch, ends, tried=ALONE, alone=None):
     seconds = [score("leakage_internal", 9e3), score("valve_offset", 8e3)]
     monkeypatch.setattr(together, "screen", lambda *_: seconds)
     monkeypatch.setattr(together, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
-    monkeypatch.setattr(together, "settled", lambda trial, *_: trial)
+    monkeypatch.setattr(together, "read_anew", lambda trial, *_: trial)
     judge = SimpleNamespace(
         **vars(JUDGE), judged=lambda trial: trial,
         trial=lambda made, added: named_stub(*made, added),

@@ -10,6 +10,7 @@ from pneuid.criticism.defects import equation_defects
 from pneuid.criticism.jumps import jumped
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.refitter import Refitter
+from pneuid.criticism.restarts import Say, read_anew, typical_start
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
 from pneuid.estimation.fit import Fit, comparable_costs
@@ -59,9 +60,6 @@ memory shows little of itself in a linear prediction from zero, and its place is
 SMALL = 0.5
 """Share of a typical amplitude below which a refit has not been where a second look starts."""
 
-TYPICAL = 3.0
-"""Amplitude, in units of its scale, from which such an effect is refitted."""
-
 OVERTAKES, STEPS = 1.5, 2
 """Times the leading prediction that a step of a typical size must promise for its effect to be refitted from there although it
 promises little at zero, and how many at most: a silencer is not felt while the edge before it stays choked."""
@@ -73,7 +71,6 @@ ACTING_ON = {
 }
 """Equations of the catalogue that act on a balance."""
 
-Say = Callable[[str], None]
 Tried = list[tuple[Score, Trial]]
 
 
@@ -116,7 +113,7 @@ def overtaking(
     if not scores or any(_all_explained(trial, current, judge) for _, trial in tried):
         return tried
     known = {score.effect.name for score, _ in tried}
-    typical = {one.effect.name: _typical_start(current, one) for one in scores if one.effect.name not in known}
+    typical = {one.effect.name: typical_start(current, one) for one in scores if one.effect.name not in known}
     steps = jumped(current.fit, scores, typical, refitter.order)
     ahead = [one for one in scores if one.effect.name in steps and steps[one.effect.name].drop > OVERTAKES * scores[0].drop]
     ahead = sorted(ahead, key=lambda one: -steps[one.effect.name].drop)[:STEPS]
@@ -164,7 +161,7 @@ def second_looks(
     if not open_ones:
         return list(tried)
     say(f"these leave much; a second look at what acts on {', '.join(acting)}, or promises much")
-    typical = {score.effect.name: _typical_start(current, score) for score in open_ones}
+    typical = {score.effect.name: typical_start(current, score) for score in open_ones}
     jumps = jumped(current.fit, scores, typical, refitter.order)
     left = sorted(open_ones, key=lambda score: -max(score.drop, jumps[score.effect.name].drop))[:SECOND_LOOKS]
     asked = [Asked(score.effect, jumps[score.effect.name].start, score.gain, way=1.0, anew=True) for score in left]
@@ -172,7 +169,7 @@ def second_looks(
     for score, (_, make) in zip(left, refitter.each(current.fit, asked), strict=True):
         name, trial = score.effect.name, _tried(current, score, make, judge, say)
         if _half_way(trial, current):
-            trial = settled(trial, judge, refitter, say)
+            trial = read_anew(trial, judge, refitter, say)
         if name not in known or trial.error < known[name].error:
             looked[name] = score, trial
         if _all_explained(trial, current, judge):
@@ -249,7 +246,7 @@ def _all_explained(trial: Trial, current: Trial, judge: Judge) -> bool:
 
 def _set_out_small(current: Trial, score: Score) -> bool:
     """Whether every amplitude that screening suggests is far below a typical one."""
-    typical = _typical_start(current, score)
+    typical = typical_start(current, score)
     moves = [
         (score.start.get(item.name, item.off) - item.off, typical[item.name] - item.off)
         for item in score.effect.parameters(current.fit.plant.rig, current.fit.plant.law)
@@ -262,30 +259,6 @@ def _half_way(trial: Trial, current: Trial) -> bool:
     """Whether a refit predicts better but costs more on the training runs: most of its sticks still break away elsewhere."""
     now, after = costs(current, trial)
     return _helps(trial, current) and after > now - LEAST_DROP
-
-
-def settled(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
-    """The trial, or the same model from a fresh reading of break-away where that fits the training runs better."""
-    if trial.whole - 1.0 < judge.small:
-        return trial
-    say(f"{trial.added}: break-away read anew")
-    again = refitter.afresh(trial.fit)
-    if again is None:
-        return trial
-    other = judge.trial(again, trial.added)
-    return other if judge.fits(other) < judge.fits(trial) else trial
-
-
-def _typical_start(current: Trial, score: Score) -> dict[str, float]:
-    """Screened start values, amplitudes raised to a typical size; each keeps its sign, shapes what they are."""
-    plant = current.fit.plant
-    found = dict(score.shapes)
-    for item in score.effect.parameters(plant.rig, plant.law):
-        if item.off is not None:
-            moved = score.start.get(item.name, item.off) - item.off
-            size = max(abs(moved), TYPICAL * item.scale)
-            found[item.name] = float(np.clip(item.off + np.copysign(size, moved), item.lower, item.upper))
-    return found
 
 
 def inside_bounds(score: Score, trial: Trial) -> bool:

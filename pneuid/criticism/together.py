@@ -12,7 +12,8 @@ import numpy as np
 
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.rounds import LEAST_DROP, WORTH_ADDING, Say, Tried, accepted, costs, same_floor, settled
+from pneuid.criticism.restarts import Say, read_anew
+from pneuid.criticism.rounds import LEAST_DROP, WORTH_ADDING, Tried, accepted, costs, same_floor
 from pneuid.criticism.screening import Score, screen
 from pneuid.criticism.trial import Judge, Trial
 from pneuid.effect import Effect
@@ -65,7 +66,7 @@ def joined(
     second, firsts = found
     judge, current, original, firsts = same_floor(judge, current, original, firsts)
     score, trial = firsts[0]
-    firsts[0] = score, settled(trial, judge, refitter, say)
+    firsts[0] = score, read_anew(trial, judge, refitter, say)
     least = min(item.error for item in (current, *([judge.judged(alone[1])] if alone else [])))
     enough = firsts[0][1].error - 1.0 < ONE_OF_TWO * (least - 1.0)
     if not enough or accepted(firsts[:1], current, original, judge) is None:

@@ -13,6 +13,7 @@ from pneuid.criticism.defects import equation_defects
 from pneuid.criticism.diagnosis import Candidate
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.refitter import Refitter
+from pneuid.criticism.restarts import settled
 from pneuid.criticism.rounds import (
     LEAST_DROP,
     Say,
@@ -25,7 +26,6 @@ from pneuid.criticism.rounds import (
     refitted,
     same_floor,
     second_looks,
-    settled,
 )
 from pneuid.criticism.screening import Score, screen
 from pneuid.criticism.together import Joined, joined
@@ -205,7 +205,7 @@ class Walk:
             for one in (chosen, *equals):
                 if one[0].effect.name not in known:
                     known.add(one[0].effect.name)
-                    better = settled(one[1], self.judge, self.refitter, self.say)
+                    better = settled(*one, self.current, self.judge, self.refitter, self.say)
                     tried = [(score, better if score is one[0] else trial) for score, trial in tried]
             chosen = self._best(tried)
         return tried, chosen

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import casadi as ca
@@ -57,6 +58,11 @@ class FrictionPressure(Effect):
         if not hasattr(scope.p, names[0]):
             return 0.0
         return getattr(scope.p, names[0]) * ps + getattr(scope.p, names[1]) * dp
+
+    def break_away(self, values: Mapping[str, float], ratio: float) -> dict[str, float]:
+        """The laws of ``Fs`` are ``ratio`` times those of ``Fc``, ``vs`` has none."""
+        start = {fs: ratio * values[fc] for fs, fc in zip(self._laws["Fs"], self._laws["Fc"], strict=True)}
+        return {name: value for name, value in (start | dict.fromkeys(self._laws["vs"], 0.0)).items() if name in values}
 
     def coefficients(self, k: Coefficients, scope: Scope) -> Coefficients:
         """Add the pressure laws; ``vs >= 0.2 mm/s``, ``Fs >= Fc > 0``, ``sigma2 >= 0``."""

@@ -5,7 +5,7 @@ A start for the fit, never an estimate: pre-sliding parameters stay at their typ
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -157,6 +157,19 @@ def follows_state(plant: Plant) -> bool:
     return bool(_coefficients(plant).sparsity_jac(0, 0).nnz() > 0)
 
 
+def operating_points(
+    plant: Plant, run: Run, motion: Motion, values: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """States ``(ns, N)`` as measured, the bristle relaxed and effects at their initial states, inputs ``(nw, N)`` and theta of
+    ``values`` (SI), held back by no range of data."""
+    known = {"x": motion.x, "v": motion.v} | {own.name: np.full(run.n, own.initial) for own in plant.effect_states}
+    if plant.servo:
+        known |= {name: _averaged(run.measured(name)) for name in ("p1", "p2")}
+    states = np.vstack([known.get(name, np.zeros(run.n)) for name in plant.states])
+    given = np.vstack([run.input(name) for name in plant.inputs])
+    return states, given, plant.theta(values, _OPEN_RANGES, run.own.mass)
+
+
 def bristle(plant: Plant, run: Run, motion: Motion, values: dict) -> np.ndarray:
     """Deflection (N,) in m that carries the resisting force, at the friction coefficients of the measured pressures.
 
@@ -164,12 +177,7 @@ def bristle(plant: Plant, run: Run, motion: Motion, values: dict) -> np.ndarray:
     after it do not find their time.
     """
     at = _coefficients(plant)
-    known = {"x": motion.x, "v": motion.v} | {own.name: np.full(run.n, own.initial) for own in plant.effect_states}
-    if plant.servo:
-        known |= {name: _averaged(run.measured(name)) for name in ("p1", "p2")}
-    states = np.vstack([known.get(name, np.zeros(run.n)) for name in plant.states])
-    given = np.vstack([run.input(name) for name in plant.inputs])
-    column = plant.theta(values, _OPEN_RANGES, run.own.mass)
+    states, given, column = operating_points(plant, run, motion, values)
     level, stiffness, viscous = np.asarray(at(states, given, column[:, None]))
     force = resisting_force(plant, run, motion) - viscous * motion.v
     return np.asarray(np.clip(force, -level, level) / stiffness)

@@ -13,6 +13,7 @@ from pneuid.errors import UserError
 from pneuid.estimation.first_guess import follows_state
 from pneuid.estimation.preparation import Run, noise_of, prepare
 from pneuid.estimation.shooting import TIGHT, Shooting
+from pneuid.estimation.sliding import sliding_laws
 from pneuid.estimation.solver import INTERRUPTED, ROUGHLY, Monitor, Outcome
 from pneuid.estimation.stages import (
     DEFECT_GATE,
@@ -27,7 +28,7 @@ from pneuid.estimation.stages import (
     sharpened,
     unsolved,
 )
-from pneuid.estimation.starts import break_aways, from_far, from_near, softer
+from pneuid.estimation.starts import break_aways, from_far, from_near, from_sliding, softer
 from pneuid.estimation.task import Task, inside, relaxed_fit, values_at
 from pneuid.estimation.thinning import sections
 from pneuid.estimation.uncertainty import Uncertainty, verdicts
@@ -214,7 +215,7 @@ def _end(task: Task, start: Mapping[str, float], exact: bool, before: Sequence[E
 
     The exact stage is long where it fails, and is spared where the relaxed fit is no better than one that went ``before``.
     """
-    found = relaxed_fit(task, start)
+    found = (_by_sliding(task, start) if exact else None) or relaxed_fit(task, start)
     if exact:
         found = _reread(task, found)
     exact = exact and all(_cheaper(found, (end.problem, end.soft)) for end in before)
@@ -245,6 +246,14 @@ def _reread(task: Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Rela
             break
         found = again
     return found
+
+
+def _by_sliding(task: Task, start: Mapping[str, float]) -> tuple[Shooting, Relaxed] | None:
+    """The relaxed fit from the laws of sliding read off the data, under ``start``; None where break-away has no laws."""
+    guess = task.guess()
+    if not from_sliding(task.plant, guess):
+        return None
+    return relaxed_fit(task, from_sliding(task.plant, sliding_laws(task.plant, task.runs, guess)) | dict(start))
 
 
 def _doubted(task: Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Relaxed]:

@@ -22,6 +22,10 @@ wide peaks with much damping."""
 SOFT = 3.0
 """Factor by which the bristle is made softer in the last of these starts."""
 
+HIGH, NARROW = 3.0, 3.0e-3
+"""Static over Coulomb friction, and Stribeck velocity in m/s, from which break-away under laws of pressure starts again: from a
+low and wide one a fit flattens the peak and bends the laws of the Stribeck velocity instead."""
+
 Values = Mapping[str, float]
 
 
@@ -69,3 +73,14 @@ def break_aways(plant: Plant, relaxed: Values) -> Iterator[dict[str, float]]:
         yield found
     softer_ones = {"sigma0": SOFT, "sigma1": np.sqrt(SOFT)}
     yield {name: float(relaxed[name] / share) for name, share in softer_ones.items() if name in relaxed}
+
+
+def from_sliding(plant: Plant, slid: Values) -> dict[str, float]:
+    """Laws of sliding friction (``slid``, all parameters) with a high and narrow break-away peak that follows them.
+
+    Empty where no effect gives break-away a law of its own.
+    """
+    laws = {name: value for effect in plant.effects for name, value in effect.break_away(slid, HIGH).items()}
+    if not laws or "Fs" not in slid:
+        return {}
+    return {**slid, "Fs": HIGH * slid["Fc"], "vs": NARROW, **laws}

@@ -1,0 +1,63 @@
+"""Other starts of a model with an effect, of which the one that predicts the training runs best is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from pneuid.criticism.refits import Asked
+from pneuid.criticism.refitter import Refitter
+from pneuid.criticism.screening import Score
+from pneuid.criticism.trial import Judge, Trial
+
+TYPICAL = 3.0
+"""Amplitude, in units of its scale, from which an effect is refitted that shows little of itself at zero."""
+
+SIZES = (4.0, 16.0)
+"""Amplitudes, in units of their scales, from which an effect with a state of its own starts again: with a film that lags by
+17 to 50 ms, a fit from a few milliseconds ends at another optimum, whose static friction stands in for the lag."""
+
+Say = Callable[[str], None]
+
+
+def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
+    """The trial of adding the effect of ``score`` to the model of ``current``, or one of the same model from another start.
+
+    Break-away is read anew from the data. On a servo rig an effect with a state of its own starts from several sizes as well.
+    The relaxed cost does not tell these ends apart (loose defects absorb a wrong optimum), predictions of whole stretches of
+    the training runs do.
+    """
+    best = read_anew(trial, judge, refitter, say)
+    if best.whole - 1.0 < judge.small or not (score.effect.states and current.fit.plant.servo):
+        return best
+    say(f"{trial.added}: from other sizes")
+    sizes = [typical_start(current, score, size) for size in SIZES]
+    asked = [Asked(score.effect, start, score.gain, False, 1.0, anew) for start in sizes for anew in (False, True)]
+    ends = [judge.trial(make(), trial.added) for _, make in refitter.each(current.fit, asked)]
+    end = min(ends, key=judge.fits)
+    return best if judge.fits(best) <= judge.fits(end) else read_anew(end, judge, refitter, say)
+
+
+def read_anew(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
+    """The trial, or the same model from a fresh reading of break-away where that fits the training runs better."""
+    if trial.whole - 1.0 < judge.small:
+        return trial
+    say(f"{trial.added}: break-away read anew")
+    again = refitter.afresh(trial.fit)
+    if again is None:
+        return trial
+    other = judge.trial(again, trial.added)
+    return other if judge.fits(other) < judge.fits(trial) else trial
+
+
+def typical_start(current: Trial, score: Score, size: float = TYPICAL) -> dict[str, float]:
+    """Screened start values, amplitudes raised to ``size`` of their scales; each keeps its sign, shapes what they are."""
+    plant = current.fit.plant
+    found = dict(score.shapes)
+    for item in score.effect.parameters(plant.rig, plant.law):
+        if item.off is not None:
+            moved = score.start.get(item.name, item.off) - item.off
+            size_of = max(abs(moved), size * item.scale)
+            found[item.name] = float(np.clip(item.off + np.copysign(size_of, moved), item.lower, item.upper))
+    return found

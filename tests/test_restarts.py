@@ -1,0 +1,81 @@
+"""Other starts of a model with an effect: which are made, and which is kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+from trials import FIRST, score, stub
+
+from pneuid.criticism import restarts
+from pneuid.criticism.screening import Score
+from pneuid.effects import CATALOGUE
+
+
+@pytest.mark.parametrize(("training", "taken"), [(4.0, True), (400.0, False)])
+def test_break_away_is_read_anew_where_the_training_runs_fit_better_for_it(training, taken):
+    accepted = replace(stub(2.0, 27_000.0, "gravity"), train={"x": 100.0})
+    other = replace(stub(1.5, 26_900.0, "gravity"), train={"x": training})
+    judge = SimpleNamespace(small=0.15, trial=lambda *_: other, fits=lambda trial: trial.train["x"])
+    refitter = SimpleNamespace(afresh=lambda fit: fit)
+    assert restarts.read_anew(accepted, judge, refitter, lambda _: None) is (other if taken else accepted)
+
+
+def test_an_accepted_effect_that_leaves_noise_alone_is_left_alone():
+    judge, refitter = SimpleNamespace(small=0.15), SimpleNamespace()
+    accepted = stub(1.1, 27_000.0, "gravity")
+    assert restarts.read_anew(accepted, judge, refitter, lambda _: None) is accepted
+
+
+def test_an_amplitude_of_a_second_look_is_at_least_typical():
+    plant = SimpleNamespace(rig=SimpleNamespace(mass=1.0, A1=8e-4, A2=7e-4, patm=1e5), law=None)
+    current = SimpleNamespace(fit=SimpleNamespace(plant=plant))
+    started = restarts.typical_start(current, Score(CATALOGUE["backlash"], 5.0, 1e-4, 1, {"b_play": 1e-9}, ()))
+    assert started == {"b_play": pytest.approx(3e-4)}
+
+
+class _Starts:
+    """Refits that end as scripted, by the size of the lag and whether break-away starts anew; keeps what was asked for."""
+
+    def __init__(self, ends):
+        self.ends, self.asked = ends, []
+
+    def each(self, _, asked):
+        self.asked += asked
+        return [(one, lambda one=one: self.ends[round(one.start["tau_L"], 3), one.anew]) for one in asked]
+
+    def afresh(self, fit):
+        return fit
+
+
+ENDS = {(0.02, False): 90.0, (0.02, True): 70.0, (0.08, False): 40.0, (0.08, True): 500.0}
+"""Squared error on the training runs where lags of 4 and 16 scales lead."""
+
+
+def _settled(monkeypatch, name="friction_lag", servo=True, left=90.0, training=80.0):
+    plant = SimpleNamespace(servo=servo, rig=SimpleNamespace(mass=1.0, A1=8e-4, A2=7e-4, patm=1e5), law=None)
+    current = replace(FIRST, fit=SimpleNamespace(plant=plant))
+    trial = replace(stub(left, 27_000.0, name), train={"x": training})
+    judge = SimpleNamespace(
+        small=0.15, fits=lambda one: one.train["x"],
+        trial=lambda made, name: replace(stub(made, 27_000.0, name), train={"x": made}),
+    )  # fmt: skip
+    monkeypatch.setattr(restarts, "read_anew", lambda one, *_: one)
+    refitter = _Starts(ENDS)
+    return refitter, restarts.settled(score(name, 5.0), trial, current, judge, refitter, lambda _: None)
+
+
+@pytest.mark.parametrize(("training", "kept"), [(80.0, 40.0), (30.0, 30.0)])
+def test_a_state_of_its_own_starts_from_several_sizes_and_the_best_on_the_training_runs_is_kept(training, kept, monkeypatch):
+    refitter, found = _settled(monkeypatch, training=training)
+    assert [(round(one.start["tau_L"], 3), one.anew, one.way) for one in refitter.asked] == [(*key, 1.0) for key in ENDS]
+    assert found.train["x"] == kept
+
+
+@pytest.mark.parametrize(
+    ("name", "servo", "left"), [("gravity", True, 90.0), ("friction_lag", False, 90.0), ("friction_lag", True, 1.1)]
+)
+def test_an_effect_without_a_state_a_bench_and_one_that_leaves_noise_are_spared_other_sizes(name, servo, left, monkeypatch):
+    refitter, found = _settled(monkeypatch, name, servo, left)
+    assert not refitter.asked and found.error == left
