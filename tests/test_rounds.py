@@ -190,7 +190,7 @@ def test_of_both_readings_of_break_away_the_better_one_is_kept():
         assert trial.error == min(first, second)
 
 
-def _looks(monkeypatch, errors, scores, tried=(), defects=(), afresh=None, jumps=None):
+def _looks(monkeypatch, errors, scores, tried=(), defects=(), afresh=None, jumps=None, large=()):
     """A second look with scripted held-out errors, and costs of the training runs where not 27 000; what it made, and found.
 
     ``jumps`` are drops that steps of a typical size promise, none where it has none.
@@ -200,6 +200,7 @@ def _looks(monkeypatch, errors, scores, tried=(), defects=(), afresh=None, jumps
     monkeypatch.setattr(rounds, "equation_defects", lambda _: defects)
     monkeypatch.setattr(rounds, "typical_start", lambda *_: {})
     monkeypatch.setattr(rounds, "_set_out_small", lambda _, one: one.start.get("small", False))
+    monkeypatch.setattr(rounds, "large_starts", lambda *_: large)
     judge = SimpleNamespace(
         spread=0.02, small=0.15, trial=lambda fit, name: fit if isinstance(fit, Trial) else stub(*errors[name], name),
         fits=lambda trial: trial.fit.relaxed_cost,
@@ -283,6 +284,27 @@ def test_a_look_that_predicts_better_but_costs_more_gets_its_break_away_read_ane
     again = stub(30.0, 26_000.0, "friction_dwell")
     _, found = _looks(monkeypatch, {"friction_dwell": (error, cost)}, [score("friction_dwell", 5.0)], afresh=again)
     assert found[0][1].error == (30.0 if read else error)
+
+
+@pytest.mark.parametrize(
+    ("ends", "taken", "made"),
+    [
+        ([(30.0, 26_500.0), (60.0, 26_000.0)], 1, 2),  # what fits the training runs best, whatever the held-out ones say
+        ([(60.0, 26_000.0), (30.0, 26_500.0)], 0, 2),
+        ([(1.05, 27_000.0), (1.0, 26_000.0)], 0, 1),  # nothing is left for another start
+    ],
+)
+def test_of_the_starts_of_a_second_look_the_best_on_the_training_runs_is_kept(ends, taken, made):
+    trials, asked = [stub(*end, "friction_dwell") for end in ends], []
+    judge = SimpleNamespace(small=0.15, fits=lambda trial: trial.fit.relaxed_cost)
+    coming = (asked.append(trial) or trial for trial in trials)
+    assert rounds._first_that_explains(coming, FIRST, judge) is trials[taken] and len(asked) == made
+
+
+def test_a_second_look_starts_at_a_typical_step_and_where_amplitudes_are_large(monkeypatch):
+    large = [{"tau_L": 0.08}]
+    refitter, _ = _looks(monkeypatch, {"friction_lag": (50.0, 27_000.0)}, [score("friction_lag", 5.0)], large=large)
+    assert [one.start for one in refitter.asked] == [{}, *large] and all(one.anew for one in refitter.asked)
 
 
 def test_an_amplitude_far_below_typical_is_a_small_start():

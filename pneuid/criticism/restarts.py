@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -29,10 +29,10 @@ def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: 
     the training runs do.
     """
     best = read_anew(trial, judge, refitter, say)
-    if best.whole - 1.0 < judge.small or not (score.effect.states and current.fit.plant.servo):
+    sizes = large_starts(current, score, SIZES)
+    if best.whole - 1.0 < judge.small or not sizes:
         return best
     say(f"{trial.added}: from other sizes")
-    sizes = [typical_start(current, score, size) for size in SIZES]
     asked = [Asked(score.effect, start, score.gain, False, 1.0, anew) for start in sizes for anew in (False, True)]
     ends = [judge.trial(make(), trial.added) for _, make in refitter.each(current.fit, asked)]
     end = min(ends, key=judge.fits)
@@ -49,6 +49,13 @@ def read_anew(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial
         return trial
     other = judge.trial(again, trial.added)
     return other if judge.fits(other) < judge.fits(trial) else trial
+
+
+def large_starts(current: Trial, score: Score, sizes: Sequence[float] = SIZES[-1:]) -> list[dict[str, float]]:
+    """Start values at amplitudes well above typical ones, for an effect with a state of its own on a servo rig; else none."""
+    if not (score.effect.states and current.fit.plant.servo):
+        return []
+    return [typical_start(current, score, size) for size in sizes]
 
 
 def typical_start(current: Trial, score: Score, size: float = TYPICAL) -> dict[str, float]:

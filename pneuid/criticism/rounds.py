@@ -10,7 +10,7 @@ from pneuid.criticism.defects import equation_defects
 from pneuid.criticism.jumps import jumped
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.restarts import Say, read_anew, typical_start
+from pneuid.criticism.restarts import Say, large_starts, read_anew, typical_start
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
 from pneuid.estimation.fit import Fit, comparable_costs
@@ -164,10 +164,18 @@ def second_looks(
     typical = {score.effect.name: typical_start(current, score) for score in open_ones}
     jumps = jumped(current.fit, scores, typical, refitter.order)
     left = sorted(open_ones, key=lambda score: -max(score.drop, jumps[score.effect.name].drop))[:SECOND_LOOKS]
-    asked = [Asked(score.effect, jumps[score.effect.name].start, score.gain, way=1.0, anew=True) for score in left]
+    starts = {score.effect.name: [jumps[score.effect.name].start, *large_starts(current, score)] for score in left}
+    asked = [
+        Asked(score.effect, start, score.gain, way=1.0, anew=True) for score in left for start in starts[score.effect.name]
+    ]
     looked = {score.effect.name: (score, trial) for score, trial in tried}
-    for score, (_, make) in zip(left, refitter.each(current.fit, asked), strict=True):
-        name, trial = score.effect.name, _tried(current, score, make, judge, say)
+    makes: dict[str, list[Callable[[], Fit]]] = {}
+    for one, make in refitter.each(current.fit, asked):
+        makes.setdefault(one.effect.name, []).append(make)
+    for score in left:
+        name = score.effect.name
+        ends = (_tried(current, score, make, judge, say) for make in makes[name])
+        trial = _first_that_explains(ends, current, judge)
         if _half_way(trial, current):
             trial = read_anew(trial, judge, refitter, say)
         if name not in known or trial.error < known[name].error:
@@ -175,6 +183,16 @@ def second_looks(
         if _all_explained(trial, current, judge):
             break  # nothing is left for the others to explain
     return list(looked.values())
+
+
+def _first_that_explains(ends: Iterator[Trial], current: Trial, judge: Judge) -> Trial:
+    """The first of the ends of one model that explains all, else the one that predicts the training runs best."""
+    found = []
+    for trial in ends:
+        found.append(trial)
+        if _all_explained(trial, current, judge):
+            return trial
+    return min(found, key=judge.fits)
 
 
 def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[Score, Trial] | None:
