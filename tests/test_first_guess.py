@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from controllers.measure import rig_of
 from controllers.nominal import nominal_model
 from pneuid.effects import CATALOGUE, effects_by_name
 from pneuid.estimation import fit as fitting
+from pneuid.estimation import sliding
 from pneuid.estimation.first_guess import first_guess, first_nodes, follows_state, motions
 from pneuid.estimation.preparation import data_ranges, noise_of, prepare
 from pneuid.estimation.shooting import Shooting, relaxed_smoothing
@@ -166,22 +168,31 @@ def test_laws_of_sliding_friction_are_read_off_the_data():
 def test_break_away_starts_as_a_high_narrow_peak_that_follows_the_laws_of_sliding():
     plant = Plant(rig_of(TRUTH, {}), "lugre", effects_by_name(["friction_pressure", "gravity"]))
     slid = dict.fromkeys(plant.parameter_names, 1.0) | {"Fc": 4.0, "k1": 5.0, "k2": -6.0}
-    start = from_sliding(plant, slid)
+    usual, start = from_sliding(plant, slid)
+    assert usual == slid
     assert {name: start[name] for name in start if start[name] != slid[name]} == {
         "Fs": 12.0, "vs": 3e-3, "k3": 15.0, "k4": -18.0, "k5": 0.0, "k6": 0.0,
     }  # fmt: skip
     simple = Plant(rig_of(TRUTH, {}), "coulomb", effects_by_name(["friction_pressure"]))
-    assert from_sliding(simple, dict.fromkeys(simple.parameter_names, 1.0)) == {}, "no break-away"
-    assert from_sliding(Plant(rig_of(TRUTH, {}), "lugre", effects_by_name(["gravity"])), slid) == {}
+    assert from_sliding(simple, dict.fromkeys(simple.parameter_names, 1.0)) == [], "no break-away"
+    assert from_sliding(Plant(rig_of(TRUTH, {}), "lugre", effects_by_name(["gravity"])), slid) == []
 
 
-@pytest.mark.parametrize(("effects", "started"), [(["friction_pressure"], True), (["gravity"], False)])
-def test_a_fit_with_laws_of_break_away_starts_from_those_of_sliding_under_what_is_given(effects, started, monkeypatch):
-    plant, asked = Plant(rig_of(TRUTH, {}), "lugre", effects_by_name(effects)), []
+@pytest.mark.parametrize(
+    ("effects", "costs"), [(["friction_pressure"], (9.0, 5.0)), (["friction_pressure"], (5.0, 9.0)), (["gravity"], ())]
+)
+def test_a_fit_with_laws_of_break_away_starts_from_those_of_sliding_under_what_is_given(effects, costs, monkeypatch):
+    plant, asked, coming = Plant(rig_of(TRUTH, {}), "lugre", effects_by_name(effects)), [], iter(costs)
     guess = dict.fromkeys(plant.parameter_names, 1.0)
-    monkeypatch.setattr(Task, "guess", lambda _: guess)
-    monkeypatch.setattr(fitting, "sliding_laws", lambda *_: guess | {"Fc": 4.0})
-    monkeypatch.setattr(fitting, "relaxed_fit", lambda _, start: asked.append(start))
-    fitting._by_sliding(Task(plant, [], (), {}, None), {"sigma2": 7.0})
-    assert bool(asked) is started
-    assert not started or (asked[0]["sigma2"], asked[0]["Fs"], asked[0]["vs"]) == (7.0, 12.0, 3e-3)
+
+    def made(_, start):
+        asked.append(start)
+        return next(coming), SimpleNamespace(outcome=SimpleNamespace(status="done"))
+
+    monkeypatch.setattr(sliding, "first_guess", lambda *_: guess)
+    monkeypatch.setattr(sliding, "sliding_laws", lambda *_: guess | {"Fc": 4.0})
+    monkeypatch.setattr(fitting, "relaxed_fit", made)
+    monkeypatch.setattr(fitting, "_cheaper", lambda one, other: one[0] < other[0])
+    found = fitting._by_sliding(Task(plant, [], (), {}, None), {"sigma2": 7.0})
+    assert len(asked) == len(costs) and (found[0] if found else None) == min(costs, default=None), "the cheapest"
+    assert [(one["sigma2"], one["Fs"], one["vs"]) for one in asked] == [(7.0, 1.0, 1.0), (7.0, 12.0, 3e-3)][: len(costs)]

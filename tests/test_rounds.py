@@ -208,6 +208,7 @@ def _looks(monkeypatch, errors, scores, tried=(), defects=(), afresh=None, jumps
     refitter = Counting()
     refitter.order = list(CATALOGUE)  # type: ignore[attr-defined]
     refitter.afresh = lambda _: afresh  # type: ignore[attr-defined]
+    refitter.by_sliding = lambda _: []  # type: ignore[attr-defined]
     return refitter, rounds.second_looks(FIRST, scores, list(tried), judge, refitter, lambda _: None)
 
 

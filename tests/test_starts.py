@@ -42,7 +42,7 @@ class _Ends:
         return SimpleNamespace(relaxation=0.1 if self.near else 1.0), Relaxed(outcome, 0.1 if self.near else 2.0, cost)
 
 
-PLANT = SimpleNamespace(law=SimpleNamespace(static=False), rig=SimpleNamespace(mass=1.0), effects=())
+PLANT = SimpleNamespace(law=SimpleNamespace(static=False), rig=SimpleNamespace(mass=1.0))
 TASK = Task(PLANT, [], (), {}, None)
 
 
@@ -83,6 +83,7 @@ def test_a_law_without_break_away_has_no_other_start_but_its_own_end():
 def test_the_exact_stage_is_spared_where_another_start_ended_no_better(monkeypatch):
     ends, tried = _Ends(monkeypatch, 998.0, 700.0, near=True), []
     monkeypatch.setattr(fitting, "_reread", lambda _task, found: found)
+    monkeypatch.setattr(fitting, "sliding_starts", lambda *_: [])
     monkeypatch.setattr(fitting, "_exact_end", lambda _problem, soft, _monitor: tried.append(soft.loose_cost))
     before = [End(*ends.end(1000.0))]
     start = {"Fc": 1.0}

@@ -13,6 +13,7 @@ from pneuid.effect import Effect
 from pneuid.estimation.first_guess import BREAK_AWAY, first_guess, motions
 from pneuid.estimation.fit import Fit, comparable_costs, fit
 from pneuid.estimation.preparation import Run
+from pneuid.estimation.sliding import sliding_starts
 from pneuid.estimation.solver import Monitor
 from pneuid.plant import Plant
 
@@ -102,6 +103,15 @@ def afresh(base: Standing, monitor: Monitor | None = None) -> Fit | None:
         return None
     recordings = [run.recording for run in base.runs]
     return fit(base.plant, recordings, {**base.values, **fresh}, base.noise, monitor, exact=False, prepared=base.runs)
+
+
+def by_sliding(base: Standing, monitor: Monitor | None = None) -> list[Fit]:
+    """The same model fitted from the laws of sliding friction read off the data; none where its break-away has no laws."""
+    recordings = [run.recording for run in base.runs]
+    return [
+        fit(base.plant, recordings, start, base.noise, monitor, exact=False, prepared=base.runs)
+        for start in sliding_starts(base.plant, base.runs)
+    ]
 
 
 def _break_away(base: Standing) -> dict[str, float]:

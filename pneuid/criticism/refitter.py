@@ -9,7 +9,7 @@ from functools import partial
 from importlib.metadata import version
 from typing import Any
 
-from pneuid.criticism.refits import Asked, Standing, afresh, on_runs, refit, without
+from pneuid.criticism.refits import Asked, Standing, afresh, by_sliding, on_runs, refit, without
 from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
 from pneuid.effects._own_file import own_effects
 from pneuid.estimation.fit import Fit
@@ -96,6 +96,10 @@ class Refitter:
     def afresh(self, base: Fit) -> Fit | None:
         """The same model from a fresh reading of break-away, None where its law has none."""
         return afresh(Standing.of(base), self.monitor)
+
+    def by_sliding(self, base: Fit) -> list[Fit]:
+        """The same model from the laws of sliding friction, where its break-away has laws."""
+        return by_sliding(Standing.of(base), self.monitor)
 
     def without(self, base: Fit, name: str) -> Fit:
         """The fit without one of the effects."""

@@ -40,15 +40,14 @@ def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: 
 
 
 def read_anew(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
-    """The trial, or the same model from a fresh reading of break-away where that fits the training runs better."""
+    """The trial, or the same model from a fresh reading of break-away, or of the laws of sliding friction where break-away has
+    some, whichever fits the training runs best."""
     if trial.whole - 1.0 < judge.small:
         return trial
     say(f"{trial.added}: break-away read anew")
-    again = refitter.afresh(trial.fit)
-    if again is None:
-        return trial
-    other = judge.trial(again, trial.added)
-    return other if judge.fits(other) < judge.fits(trial) else trial
+    again = [refitter.afresh(trial.fit), *refitter.by_sliding(trial.fit)]
+    ends = [trial, *(judge.trial(one, trial.added) for one in again if one is not None)]
+    return min(ends, key=judge.fits)
 
 
 def large_starts(current: Trial, score: Score, sizes: Sequence[float] = SIZES[-1:]) -> list[dict[str, float]]:

@@ -13,7 +13,7 @@ from pneuid.errors import UserError
 from pneuid.estimation.first_guess import follows_state
 from pneuid.estimation.preparation import Run, noise_of, prepare
 from pneuid.estimation.shooting import TIGHT, Shooting
-from pneuid.estimation.sliding import sliding_laws
+from pneuid.estimation.sliding import sliding_starts
 from pneuid.estimation.solver import INTERRUPTED, ROUGHLY, Monitor, Outcome
 from pneuid.estimation.stages import (
     DEFECT_GATE,
@@ -28,7 +28,7 @@ from pneuid.estimation.stages import (
     sharpened,
     unsolved,
 )
-from pneuid.estimation.starts import break_aways, from_far, from_near, from_sliding, softer
+from pneuid.estimation.starts import break_aways, from_far, from_near, softer
 from pneuid.estimation.task import Task, inside, relaxed_fit, values_at
 from pneuid.estimation.thinning import sections
 from pneuid.estimation.uncertainty import Uncertainty, verdicts
@@ -249,11 +249,15 @@ def _reread(task: Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Rela
 
 
 def _by_sliding(task: Task, start: Mapping[str, float]) -> tuple[Shooting, Relaxed] | None:
-    """The relaxed fit from the laws of sliding read off the data, under ``start``; None where break-away has no laws."""
-    guess = task.guess()
-    if not from_sliding(task.plant, guess):
-        return None
-    return relaxed_fit(task, from_sliding(task.plant, sliding_laws(task.plant, task.runs, guess)) | dict(start))
+    """The cheaper relaxed fit from the laws of sliding read off the data, under ``start``; None where break-away has none."""
+    best = None
+    for one in sliding_starts(task.plant, task.runs):
+        found = relaxed_fit(task, one | dict(start))
+        if best is None or _cheaper(found, best):
+            best = found
+        if found[1].outcome.status == INTERRUPTED:
+            return best[0], replace(best[1], outcome=replace(best[1].outcome, status=INTERRUPTED))
+    return best
 
 
 def _doubted(task: Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Relaxed]:

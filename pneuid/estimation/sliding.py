@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import casadi as ca
 import numpy as np
 
-from pneuid.estimation.first_guess import operating_points, resisting_force
+from pneuid.estimation.first_guess import first_guess, motions, operating_points, resisting_force
 from pneuid.estimation.preparation import Run
+from pneuid.estimation.starts import from_sliding
 from pneuid.plant import Plant
 
 FAST, SLOWEST = 0.05, 1.0e-5
@@ -19,6 +20,12 @@ STEADY = ("Fc", "sigma2")
 
 HOLD = 1e-3
 """Weight of the guess, relative to that of the parameter that shows most."""
+
+
+def sliding_starts(plant: Plant, runs: Sequence[Run]) -> list[dict[str, float]]:
+    """Starts (SI) of a fit from the laws of sliding friction, see ``from_sliding``; none where break-away has no laws."""
+    guess = first_guess(plant, runs, motions(runs))
+    return from_sliding(plant, sliding_laws(plant, runs, guess)) if from_sliding(plant, guess) else []
 
 
 def sliding_laws(plant: Plant, runs: Sequence[Run], guess: Mapping[str, float]) -> dict[str, float]:

@@ -23,8 +23,8 @@ SOFT = 3.0
 """Factor by which the bristle is made softer in the last of these starts."""
 
 HIGH, NARROW = 3.0, 3.0e-3
-"""Static over Coulomb friction, and Stribeck velocity in m/s, from which break-away under laws of pressure starts again: from a
-low and wide one a fit flattens the peak and bends the laws of the Stribeck velocity instead."""
+"""Static over Coulomb friction, and Stribeck velocity in m/s, from which break-away under laws of pressure starts as well:
+where it is so, a fit from a low and wide one flattens the peak and bends the laws of the Stribeck velocity instead."""
 
 Values = Mapping[str, float]
 
@@ -75,12 +75,14 @@ def break_aways(plant: Plant, relaxed: Values) -> Iterator[dict[str, float]]:
     yield {name: float(relaxed[name] / share) for name, share in softer_ones.items() if name in relaxed}
 
 
-def from_sliding(plant: Plant, slid: Values) -> dict[str, float]:
-    """Laws of sliding friction (``slid``, all parameters) with a high and narrow break-away peak that follows them.
+def from_sliding(plant: Plant, slid: Values) -> list[dict[str, float]]:
+    """Starts from the laws of sliding friction (``slid``, all parameters): with the break-away that these values have, and with
+    a high and narrow peak that follows the laws of sliding. None where no effect gives break-away a law of its own.
 
-    Empty where no effect gives break-away a law of its own.
+    A seal whose static friction is half as large again is found from the first, the one of 2011, five times as large and all
+    but gone at 2 mm/s, from the second.
     """
     laws = {name: value for effect in plant.effects for name, value in effect.break_away(slid, HIGH).items()}
     if not laws or "Fs" not in slid:
-        return {}
-    return {**slid, "Fs": HIGH * slid["Fc"], "vs": NARROW, **laws}
+        return []
+    return [dict(slid), {**slid, "Fs": HIGH * slid["Fc"], "vs": NARROW, **laws}]
