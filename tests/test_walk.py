@@ -63,9 +63,21 @@ def test_steps_are_looked_at_in_the_first_round_by_held_out_runs(current, pooled
     monkeypatch.setattr(walk, "overtaking", lambda *given: seen.append(given) or [])
     monkeypatch.setattr(walk, "same_floor", lambda judge, now, first, found: (judge, now, first, found))
     monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
+    monkeypatch.setattr(walk, "second_looks", lambda _current, _scores, tried, *_: tried)
     going = walking(current=current)
     going.pooled = pooled
     assert going._round([], 15.0) == ([], None) and len(seen) == asked
+
+
+@pytest.mark.parametrize(
+    ("error", "loud", "left", "looks"),
+    [(4.0, 1.6, 3.9, True), (4.0, 1.4, 3.9, False), (18.7, 1.0, 18.0, True), (18.7, 1.0, 1.2, False)],
+)
+def test_a_second_look_is_for_a_loud_balance_or_for_predictions_far_off_where_none_is(error, loud, left, looks, monkeypatch):
+    """What a rest adds to break-away leaves nothing on any balance: predictions were four floors off, and nothing was tried."""
+    monkeypatch.setattr(walk, "loudest", lambda _: loud)
+    chosen = score("friction_pressure", 50.0), stub(left, 26_300.0, "friction_pressure")
+    assert walking(current=stub(error, 26_350.0))._needs_second_looks(chosen) is looks
 
 
 def test_rivals_explain_both_kinds_of_runs_alike_whatever_their_group():

@@ -217,9 +217,10 @@ class Walk:
         return accepted(tried, self.current, self.first, self.judge)
 
     def _needs_second_looks(self, chosen: tuple[Score, Trial] | None) -> bool:
-        """Whether much is left that the leading effects do not explain."""
-        wanting = not self.pooled and leaves_much(chosen, self.current)
-        return self.current.added is None and wanting and loudest(self.current) > DEFECT_RATIO
+        """Whether much is left that the leading effects do not explain: on a balance, or, far off, at break-away alone."""
+        if self.pooled or self.current.added is not None or not leaves_much(chosen, self.current):
+            return False
+        return loudest(self.current) > DEFECT_RATIO or self.current.error > FAR_OFF**2
 
     def _by_one_floor(self, tried: Tried) -> Tried:
         self.judge, self.current, self.first, tried = same_floor(self.judge, self.current, self.first, tried)
