@@ -178,8 +178,8 @@ class Effect:
     def break_away(self, values: Mapping[str, float], ratio: float) -> dict[str, float]:
         """Own parameters, SI, with which static friction is ``ratio`` times Coulomb friction wherever this effect moves that.
 
-        ``values`` : parameters found so far, SI. A fit starts again from there where its break-away ended wrongly. Empty for
-        an effect that gives break-away no law of its own.
+        ``values`` : of all parameters, SI, laws of sliding friction included. A fit starts from there as well. Empty for an
+        effect that gives break-away no law of its own.
         """
         return {}
 

@@ -6,11 +6,14 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from helpers import rig
 from trials import FIRST, score, stub
 
-from pneuid.criticism import restarts
+from pneuid.criticism import refits, restarts
+from pneuid.criticism.refits import Standing
 from pneuid.criticism.screening import Score
-from pneuid.effects import CATALOGUE
+from pneuid.effects import CATALOGUE, effects_by_name
+from pneuid.plant import Plant
 
 
 @pytest.mark.parametrize(("training", "taken"), [(4.0, True), (400.0, False)])
@@ -79,3 +82,13 @@ def test_a_state_of_its_own_starts_from_several_sizes_and_the_best_on_the_traini
 def test_an_effect_without_a_state_a_bench_and_one_that_leaves_noise_are_spared_other_sizes(name, servo, left, monkeypatch):
     refitter, found = _settled(monkeypatch, name, servo, left)
     assert not refitter.asked and found.error == left
+
+
+def test_from_the_laws_of_sliding_friction_alone_starts_anew(monkeypatch):
+    plant = Plant(rig(), "lugre", effects_by_name(["friction_pressure", "gravity"]))
+    values, started = dict.fromkeys(plant.parameter_names, 1.0), dict.fromkeys(plant.parameter_names, 2.0)
+    monkeypatch.setattr(refits, "sliding_starts", lambda *_: [started])
+    monkeypatch.setattr(refits, "fit", lambda _plant, _runs, start, *_, **__: start)
+    (start,) = refits.by_sliding(Standing(plant, (), values, {}, {}, 1.0))
+    friction = {"Fc", "Fs", "vs", "sigma0", "sigma1", "sigma2", *(f"k{i}" for i in range(1, 9))}
+    assert {name for name, value in start.items() if value == 2.0} == friction

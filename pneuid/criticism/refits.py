@@ -106,12 +106,16 @@ def afresh(base: Standing, monitor: Monitor | None = None) -> Fit | None:
 
 
 def by_sliding(base: Standing, monitor: Monitor | None = None) -> list[Fit]:
-    """The same model fitted from the laws of sliding friction read off the data; none where its break-away has no laws."""
-    recordings = [run.recording for run in base.runs]
-    return [
-        fit(base.plant, recordings, start, base.noise, monitor, exact=False, prepared=base.runs)
-        for start in sliding_starts(base.plant, base.runs)
+    """The same model fitted from its own values, but friction from the laws of sliding read off the data; none where its
+    break-away has no laws."""
+    plant, recordings = base.plant, [run.recording for run in base.runs]
+    friction = set(plant.law.fitted)
+    friction.update(name for one in plant.effects if one.equation == "friction" for name in plant.own_parameters(one.name))
+    starts = [
+        {**base.values, **{name: value for name, value in start.items() if name in friction}}
+        for start in sliding_starts(plant, base.runs)
     ]
+    return [fit(plant, recordings, start, base.noise, monitor, exact=False, prepared=base.runs) for start in starts]
 
 
 def _break_away(base: Standing) -> dict[str, float]:

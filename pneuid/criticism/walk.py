@@ -38,7 +38,7 @@ DEFECT_RATIO = 1.5
 
 FAR_OFF = 3.0
 """Error on the training runs, in floors, from which what they leave open of the parameters is no excuse for the held-out error,
-where a balance leaves a defect above noise as well."""
+where a balance leaves a defect above noise as well; of the held-out runs, from which second looks need no such balance."""
 
 SHOWN = (
     "{} is what all runs together show: fitted to the held-out runs as well, their cost falls by {:.0f}, more than the {:.0f} "

@@ -250,9 +250,9 @@ def _reread(task: Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Rela
 
 def _by_sliding(task: Task, start: Mapping[str, float]) -> tuple[Shooting, Relaxed] | None:
     """The cheaper relaxed fit from the laws of sliding read off the data, under ``start``; None where break-away has none."""
-    best = None
-    for one in sliding_starts(task.plant, task.runs):
-        found = relaxed_fit(task, one | dict(start))
+    best, starts = None, [one | dict(start) for one in sliding_starts(task.plant, task.runs)]
+    for one in starts[: 1 if starts[:1] == starts[1:] else None]:  # what is given may leave nothing to start differently
+        found = relaxed_fit(task, one)
         if best is None or _cheaper(found, best):
             best = found
         if found[1].outcome.status == INTERRUPTED:

@@ -19,7 +19,7 @@ STEADY = ("Fc", "sigma2")
 """Parameters of the base law that sliding friction is made of."""
 
 HOLD = 1e-3
-"""Weight of the guess, relative to that of the parameter that shows most."""
+"""Weight that holds each parameter at the guess, relative to what the data show of it."""
 
 
 def sliding_starts(plant: Plant, runs: Sequence[Run]) -> list[dict[str, float]]:
