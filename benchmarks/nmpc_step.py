@@ -19,13 +19,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from reference_qp import reference
 
 from controllers import qp
 from controllers.base import Measurement
 from controllers.control_model import ControlModel
 from controllers.export.library import ExportedNmpc, build_library
 from controllers.export.pieces import Controllers, tuned
-from controllers.export.recorded import hard_track, record
+from controllers.export.recorded import Recorded, hard_track, record
 from controllers.export.sources import c_sources
 from controllers.horizon import stage_function
 from controllers.model_plant import ModelPlant
@@ -125,6 +126,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--problems", type=int, default=40, help="problems that do-mpc solves")
+    parser.add_argument("--reference", action="store_true", help="solve every problem by IPOPT as well, which takes minutes")
     given = parser.parse_args()
     found = made()
     supply = found.design_supply
@@ -133,13 +135,14 @@ def main() -> None:
             (Path(folder) / name).write_text(text)
         library = build_library(Path(folder), Path(folder) / "b.so", flags=FLAGS)
         measure(found, library, supply, given.problems)
+        if given.reference:
+            print(against_reference(found, supply))
 
 
 def measure(found: Controllers, library: Path, supply: float, problems: int) -> None:
     """Time every problem of one closed loop three ways, in turns."""
     nmpc = found.nmpc
-    track = hard_track(found.model, nmpc.sample_time, 1.2, nmpc.preview, 0.3)
-    run = record(nmpc, ModelPlant(found.model), track, supply, seed=1)
+    run = recorded(found, supply)
     exported, peer = ExportedNmpc(library), reference_solver(nmpc)
     linearise = ctypes.CDLL(str(library)).pneuid_nmpc_linearise
     linearise.argtypes = [ctypes.c_void_p, ctypes.c_double]
@@ -174,6 +177,28 @@ def measure(found: Controllers, library: Path, supply: float, problems: int) -> 
         seconds["do-mpc"].append(time.perf_counter() - began)
         apart.append(abs(float(answer[0]) - converged(nmpc, plan_x, plan_u, force, supply)[0]))
     report(seconds, unequal, apart, active / run.u.size)
+
+
+def recorded(found: Controllers, supply: float) -> Recorded:
+    """One closed loop with moves that reach every bound."""
+    nmpc = found.nmpc
+    track = hard_track(found.model, nmpc.sample_time, 1.2, nmpc.preview, 0.3)
+    return record(nmpc, ModelPlant(found.model), track, supply, seed=1)
+
+
+def against_reference(found: Controllers, supply: float) -> str:
+    """How far the commands of every problem, as the controller solves it, are from a converged reference."""
+    nmpc, run = found.nmpc, recorded(found, supply)
+    nmpc.reset(Measurement(*run.seen[0]), run.target[: nmpc.preview])
+    free, bound = [], []
+    for k, row in enumerate(run.seen):
+        nmpc.step(Measurement(*row), run.target[k : k + nmpc.preview])
+        apart = float(np.max(np.abs(nmpc.plan()[1] - reference(nmpc.program))))
+        (bound if nmpc.iterations else free).append(apart)
+    return (
+        f"command changes, own - IPOPT's (scaled): at most {max(free):.2g} on {len(free)} problems without active bounds, "
+        f"{max(bound):.2g} on {len(bound)} with"
+    )
 
 
 def report(seconds: dict[str, list[float]], unequal: list[float], apart: list[float], active: float) -> None:

@@ -155,7 +155,7 @@ def second_looks(
         score for score in scores
         if (score.effect.equation in acting and (
             score.effect.name not in known or _set_out_small(current, score)
-            or (score.gain > CLEAR_DROP and not _helps(known[score.effect.name], current))
+            or ((score.gain > CLEAR_DROP or large_starts(current, score)) and not _helps(known[score.effect.name], current))
         )) or (score.effect.name not in known and score.drop > worth)
     ]  # fmt: skip
     if not open_ones:
