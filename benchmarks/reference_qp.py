@@ -30,7 +30,8 @@ def reference(program: qp.Program) -> np.ndarray:
                 high.append(upper[i + 1, j])
     z = ca.vertcat(*variables)
     options = {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "ipopt.tol": 1e-14}
-    # bounds are not to be relaxed, and an active one is to be met to the last digit
-    options |= {"ipopt.bound_relax_factor": 0.0, "ipopt.compl_inf_tol": 1e-15, "ipopt.acceptable_iter": 0}
+    # bounds are not to be relaxed, and an active one is to be met to the last digit: it ends where rounding stops it
+    options |= {"ipopt.bound_relax_factor": 0.0, "ipopt.compl_inf_tol": 1e-15}
+    options |= {"ipopt.acceptable_iter": 0, "ipopt.max_iter": 100}
     found = ca.nlpsol("reference", "ipopt", {"x": z, "f": cost, "g": ca.vertcat(*rows)}, options)(lbg=low, ubg=high)
     return np.asarray(found["x"]).ravel()[:: 1 + soft.size]

@@ -6,6 +6,7 @@ import functools
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
+import helpers
 import numpy as np
 import pytest
 
@@ -24,7 +25,7 @@ from pneuid.estimation.task import Task
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.rig import Rig
-from pneuid.virtual_rig import ATMOSPHERE, record_servo
+from pneuid.virtual_rig import ATMOSPHERE, TruthBench, record_bench, record_servo
 from pneuid.virtual_rig.friction import FRICTION_2011
 from pneuid.virtual_rig.truth import TruthServo
 
@@ -163,6 +164,20 @@ def test_laws_of_sliding_friction_are_read_off_the_data():
     for name in ("Fc", "sigma2", "k1", "k2", "k7", "k8"):
         assert found[name] == pytest.approx(values[name], rel=0.1), name
     assert {name for name in guess if found[name] != guess[name]} == {"Fc", "sigma2", "k1", "k2", "k7", "k8"}
+
+
+def test_laws_of_sliding_friction_are_read_on_a_bench_too():
+    """There speed and pressures are inputs; 2 to 150 mm/s under four pressure pairs."""
+    truth, runs = TruthBench(), []
+    plant = Plant(helpers.rig("bench"), "lugre", effects_by_name(["friction_pressure"]))
+    for j, (p1, p2) in enumerate(((0.0, 0.0), (2e5, 2e5), (4e5, 4e5), (4e5, 1e5))):
+        made = record_bench(truth, ATMOSPHERE + p1, ATMOSPHERE + p2, "sine", seed=j)
+        run = Recording.from_arrays(f"{j}.csv", plant.rig, **made)
+        runs.append(prepare(run, plant, noise_of(plant.rig, [run])))
+    found = sliding_laws(plant, runs, first_guess(plant, runs, motions(runs)))
+    seal = truth.friction
+    for name, law in (("k1", "Fc_ps"), ("k7", "sigma2_ps"), ("k8", "sigma2_dp")):
+        assert found[name] == pytest.approx(getattr(seal, law), rel=0.3), name
 
 
 def test_break_away_starts_as_a_high_narrow_peak_that_follows_the_laws_of_sliding():

@@ -60,7 +60,9 @@ def _steady(plant: Plant, names: Sequence[str]) -> ca.Function:
     """``(s, w, theta) -> (force [N], its derivative by the parameters names (n,))`` of steady sliding."""
     s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
     theta = ca.SX.sym("theta", len(plant.theta_names))
-    k, v = plant.evaluate(s, w, theta).coefficients, s[plant.states.index("v")]
+    k = plant.evaluate(s, w, theta).coefficients
+    # on a bench the motion is imposed
+    v = s[plant.states.index("v")] if plant.servo else w[plant.inputs.index("v")]
     force = k.Fc * ca.sign(v) + k.sigma2 * v
     at = [plant.theta_names.index(name) for name in names]
     return ca.Function("steady", [s, w, theta], [force, ca.densify(ca.jacobian(force, theta)[at]).T])
