@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pneuid.estimation import exact_end
 from pneuid.estimation import fit as fitting
 from pneuid.estimation.first_guess import BREAK_AWAY
 from pneuid.estimation.shooting import TIGHT
@@ -84,7 +85,7 @@ def test_the_exact_stage_is_spared_where_another_start_ended_no_better(monkeypat
     ends, tried = _Ends(monkeypatch, 998.0, 700.0, near=True), []
     monkeypatch.setattr(fitting, "_reread", lambda _task, found: found)
     monkeypatch.setattr(fitting, "sliding_starts", lambda *_: [])
-    monkeypatch.setattr(fitting, "_exact_end", lambda _problem, soft, _monitor: tried.append(soft.loose_cost))
+    monkeypatch.setattr(fitting, "exact_end", lambda _task, _problem, soft: tried.append(soft.loose_cost))
     before = [End(*ends.end(1000.0))]
     start = {"Fc": 1.0}
     assert fitting._end(TASK, start, True, before).soft.loose_cost == 998.0
@@ -112,25 +113,40 @@ def test_laws_without_a_peak_or_a_bristle_start_from_what_they_have():
 
 
 class _Exact:
-    """Exact stages with scripted misfits, None where none is found, in place of solved ones."""
+    """Exact stages with scripted misfits, None where none is found, in place of solved ones; ``anew`` those of the same
+    parameters with first states read anew, where they differ."""
 
-    def __init__(self, monkeypatch, *misfits: float | None) -> None:
-        self.misfits, self.started = list(misfits), []
-        monkeypatch.setattr(fitting, "exact_stage", self.made)
-        monkeypatch.setattr(fitting, "values_at", lambda *_: dict(FOUND))
-        monkeypatch.setattr(fitting, "inside", lambda _problem, values: np.array([values["sigma0"], values["sigma1"]]))
+    def __init__(self, monkeypatch, *misfits: float | None, anew: tuple[float | None, ...] = ()) -> None:
+        self.misfits, self.anew, self.started = list(misfits), list(anew), []
+        monkeypatch.setattr(exact_end, "exact_stage", self.made)
+        monkeypatch.setattr(exact_end, "exact_from", self.made_anew)
+        monkeypatch.setattr(exact_end, "values_at", lambda *_: dict(FOUND))
+        monkeypatch.setattr(exact_end, "inside", lambda _problem, values: np.array([values["sigma0"], values["sigma1"]]))
 
     def made(self, _problem, outcome, _monitor):
         self.started.append(outcome.X[0])
         if not self.misfits:
             raise KeyboardInterrupt
         misfit = self.misfits.pop(0)
-        return None if misfit is None else SimpleNamespace(outcome=SimpleNamespace(cost=5000 * misfit))
+        return None if misfit is None else self.hard(misfit)
+
+    def hard(self, misfit: float) -> SimpleNamespace:
+        return SimpleNamespace(outcome=SimpleNamespace(cost=5000 * misfit, X=None), problem=SimpleNamespace(samples=20))
+
+    def made_anew(self, hard, nodes, _monitor):
+        assert nodes == "nodes at what was found"
+        if not self.anew:
+            return hard
+        misfit = self.anew.pop(0)
+        if misfit is None:
+            raise KeyboardInterrupt
+        return self.hard(misfit)
 
     def end(self) -> End:
         problem = SimpleNamespace(plant=PLANT, nq=2, weighted=10_000, relaxation=TIGHT)
         soft = _Outcome(X=np.array([1e5, 90.0, 7.0]))
-        return fitting._exact_end(problem, Relaxed(soft, 0.1, None), None)
+        task = SimpleNamespace(monitor=None, guess=dict, nodes=lambda values, _: values == FOUND and "nodes at what was found")
+        return exact_end.exact_end(task, problem, Relaxed(soft, 0.1, None))
 
 
 @dataclass(frozen=True)
@@ -147,6 +163,21 @@ def test_it_is_started_again_until_only_noise_is_left_and_the_best_is_kept(monke
     exact = _Exact(monkeypatch, *misfits)
     assert exact.end().misfit == best
     assert len(exact.started) == tried
+
+
+@pytest.mark.parametrize(
+    ("misfits", "anew", "tried", "best"),
+    [((4.1,), (1.0,), 1, 1.0), ((4.1, 1.0), (5.0,), 2, 1.0), ((None, 1.3, 1.2), (1.4, 1.01), 3, 1.01)],
+)
+def test_a_doubtful_end_is_tried_with_first_states_read_anew_before_another_start(monkeypatch, misfits, anew, tried, best):
+    exact = _Exact(monkeypatch, *misfits, anew=anew)
+    assert exact.end().misfit == best
+    assert len(exact.started) == tried
+
+
+def test_stopped_while_first_states_are_read_anew_it_keeps_what_was_found(monkeypatch):
+    end = _Exact(monkeypatch, 1.3, anew=(None,)).end()
+    assert end.interrupted and end.misfit == 1.3
 
 
 def test_an_exact_stage_that_is_stopped_in_a_later_start_keeps_what_was_found(monkeypatch):

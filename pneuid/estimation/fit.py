@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from pneuid.errors import UserError
+from pneuid.estimation.exact_end import better, exact_end
 from pneuid.estimation.first_guess import follows_state
 from pneuid.estimation.preparation import Run, noise_of, prepare
 from pneuid.estimation.shooting import TIGHT, Shooting
@@ -21,14 +22,12 @@ from pneuid.estimation.stages import (
     End,
     Exact,
     Relaxed,
-    exact_again,
-    exact_stage,
     loose_cost,
     relaxed_again,
     sharpened,
     unsolved,
 )
-from pneuid.estimation.starts import break_aways, from_far, from_near, softer
+from pneuid.estimation.starts import from_far, from_near, softer
 from pneuid.estimation.task import Task, inside, relaxed_fit, values_at
 from pneuid.estimation.thinning import sections
 from pneuid.estimation.uncertainty import Uncertainty, verdicts
@@ -195,7 +194,7 @@ def _from_sections(task: Task, problem: Shooting, soft: Relaxed, sharp: Exact | 
         return End(whole, unsolved(whole, X), interrupted=True)
     again = relaxed_again(whole, X, task.monitor)
     known = _starting(whole, again.outcome.X, sharp)
-    return _exact_end(whole, again, task.monitor, (known, max(sharp.problem.substeps, whole.substeps)))
+    return exact_end(task, whole, again, (known, max(sharp.problem.substeps, whole.substeps)))
 
 
 def _starting(whole: Shooting, X: np.ndarray, sharp: Exact) -> np.ndarray:
@@ -215,17 +214,22 @@ def _end(task: Task, start: Mapping[str, float], exact: bool, before: Sequence[E
 
     The exact stage is long where it fails, and is spared where the relaxed fit is no better than one that went ``before``.
     """
-    found = (_by_sliding(task, start) if exact else None) or relaxed_fit(task, start)
+    found, *others = (_by_sliding(task, start) if exact else []) or [relaxed_fit(task, start)]
     if exact:
         found = _reread(task, found)
     exact = exact and all(_cheaper(found, (end.problem, end.soft)) for end in before)
-    end = _exact_end(*found, task.monitor) if exact else End(*found)
+    end = exact_end(task, *found) if exact else End(*found)
+    for other in others if exact else ():
+        if end.interrupted or not end.doubtful:
+            break
+        # relaxed costs do not tell a wrong break-away from the right one where both are near: the exact residual does
+        end = better(end, exact_end(task, *other))
     if start or end.interrupted or end.hard is not None:
         return end
     other = _doubted(task, found)
     if other is found:
         return end
-    return _exact_end(*other, task.monitor) if exact else End(*other)
+    return exact_end(task, *other) if exact else End(*other)
 
 
 def _reread(task: Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Relaxed]:
@@ -248,16 +252,17 @@ def _reread(task: Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Rela
     return found
 
 
-def _by_sliding(task: Task, start: Mapping[str, float]) -> tuple[Shooting, Relaxed] | None:
-    """The cheaper relaxed fit from the laws of sliding read off the data, under ``start``; None where break-away has none."""
-    best, starts = None, [one | dict(start) for one in sliding_starts(task.plant, task.runs)]
+def _by_sliding(task: Task, start: Mapping[str, float]) -> list[tuple[Shooting, Relaxed]]:
+    """Relaxed fits from the laws of sliding read off the data, under ``start``, cheapest first; none without such laws."""
+    starts = [one | dict(start) for one in sliding_starts(task.plant, task.runs)]
+    ends: list[tuple[Shooting, Relaxed]] = []
     for one in starts[: 1 if starts[:1] == starts[1:] else None]:  # what is given may leave nothing to start differently
         found = relaxed_fit(task, one)
-        if best is None or _cheaper(found, best):
-            best = found
+        ends.insert(0 if not ends or _cheaper(found, ends[0]) else 1, found)
         if found[1].outcome.status == INTERRUPTED:
-            return best[0], replace(best[1], outcome=replace(best[1].outcome, status=INTERRUPTED))
-    return best
+            problem, best = ends[0]
+            return [(problem, replace(best, outcome=replace(best.outcome, status=INTERRUPTED)))]
+    return ends
 
 
 def _doubted(task: Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Relaxed]:
@@ -297,29 +302,6 @@ def comparable_costs(*ends: Fit | End) -> list[float]:
 def _order(cost: float, end: End) -> tuple[bool, float]:
     """Exact ends first, the cheapest of them; else the cheapest relaxed one."""
     return (True, cost) if end.hard is None else (False, end.hard.outcome.cost)
-
-
-def _exact_end(
-    problem: Shooting, soft: Relaxed, monitor: Monitor | None, known: tuple[np.ndarray, int] | None = None
-) -> End:
-    """The exact stage, where the relaxed one came near enough; shorter where parameters and time step are ``known``."""
-    end = End(problem, soft, interrupted=soft.outcome.status == INTERRUPTED)
-    if end.interrupted or not end.near:
-        return end
-    try:
-        if known is not None:
-            return replace(end, hard=exact_again(problem, soft.outcome, *known, monitor))
-        end = replace(end, hard=exact_stage(problem, soft.outcome, monitor))
-        relaxed = values_at(problem, soft.outcome.X)
-        for other in break_aways(problem.plant, relaxed):
-            if not end.doubtful:
-                break
-            X = np.concatenate([inside(problem, relaxed | other), soft.outcome.X[problem.nq :]])
-            hard = exact_stage(problem, replace(soft.outcome, X=X), monitor)
-            end = min(end, replace(end, hard=hard), key=lambda one: one.misfit)
-    except KeyboardInterrupt:
-        end = replace(end, interrupted=True)
-    return end
 
 
 def _starts(task: Task, start: Mapping[str, float], exact: bool) -> Iterator[Mapping[str, float]]:

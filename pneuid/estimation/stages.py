@@ -188,6 +188,17 @@ def exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Ex
     return Exact(hard, fine, uncertainty(fine, hard.X))
 
 
+def exact_from(hard: Exact, nodes: np.ndarray, monitor: Monitor | None) -> Exact:
+    """The exact fit from the parameters of ``hard`` and first states of the runs as in ``nodes`` (ns, nint), SI.
+
+    A first state that once went far off, such as a bristle bent by more than friction can, stays there: the slips that it
+    puts at the wrong time hold the parameters. Raises ``KeyboardInterrupt`` where it is stopped.
+    """
+    fine = hard.problem
+    found = _walked(Chained(fine), fine.join(hard.outcome.X[: fine.nq], nodes), monitor)
+    return Exact(found, fine, uncertainty(fine, found.X)) if found.success else hard
+
+
 def sharpened(problem: Shooting, soft: Outcome, samples: int, monitor: Monitor | None) -> Exact | None:
     """The exact fit of a part of a record of so many ``samples``, at the time step which the whole of it will ask for.
 
