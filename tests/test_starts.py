@@ -94,6 +94,27 @@ def test_the_exact_stage_is_spared_where_another_start_ended_no_better(monkeypat
     assert tried == [700.0]
 
 
+@pytest.mark.parametrize(
+    ("misfits", "kept", "tried"), [((1.0, 1.0), 1.0, 1), ((4.1, 1.0), 1.0, 2), ((1.3, 4.1), 1.3, 2), ((np.inf, 1.0), 1.0, 2)]
+)
+def test_the_costlier_start_from_sliding_goes_to_the_exact_stage_where_the_cheaper_ends_doubtful(
+    monkeypatch, misfits, kept, tried
+):
+    """Relaxed, a wrong break-away may cost less than the right one."""
+    ends, coming = _Ends(monkeypatch, near=True), list(misfits)
+
+    def made(_task, problem, soft):
+        problem.weighted, misfit = 10_000, coming.pop(0)
+        hard = SimpleNamespace(outcome=SimpleNamespace(cost=5000 * misfit)) if np.isfinite(misfit) else None
+        return End(problem, soft, hard)
+
+    monkeypatch.setattr(fitting, "_by_sliding", lambda *_: [ends.end(700.0), ends.end(900.0)])
+    monkeypatch.setattr(fitting, "_reread", lambda _task, found: found)
+    monkeypatch.setattr(fitting, "exact_end", made)
+    assert fitting._end(TASK, {}, True, []).misfit == kept
+    assert len(misfits) - len(coming) == tried
+
+
 # --- other starts of the exact stage ---
 
 
