@@ -19,8 +19,6 @@ from controllers.candidates import (
     AWARE,
     CONSTANT,
     EVERY_PRESSURE,
-    LAW_ROUNDS,
-    VS_2011,
     Identification,
     candidates_of,
     compensating,
@@ -105,7 +103,7 @@ def averaged(truth: TruthServo, recordings: Recordings, path: Path, pool: Pool) 
     """Constant friction from the very recordings that the pressure laws are found in."""
     if not path.exists():
         sensors = Scenario("", (), (), (), Design(0.0)).sensors
-        task = Identification(AVERAGE, truth, NOTHING, sensors, EVERY_PRESSURE, recordings, (), VS_2011, LAW_ROUNDS)
+        task = Identification(AVERAGE, truth, NOTHING, sensors, EVERY_PRESSURE, recordings, ())
         ((_, model),) = pool.each(identified, [task])
         model.save(path)
     model = load(path)

@@ -39,11 +39,7 @@ def compensating() -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Identification:
-    """A model to be identified: the rig that is measured, what is recorded and which effects are fitted.
-
-    vs : start value of the Stribeck velocity in m/s, None for the default; rounds : fits at most, each from where the last
-    stopped, until one converges or the cost stands still.
-    """
+    """A model to be identified: the rig that is measured, what is recorded and which effects are fitted."""
 
     label: str
     truth: TruthServo
@@ -52,18 +48,6 @@ class Identification:
     training: Plan
     recordings: Recordings
     add: tuple[str, ...]
-    vs: float | None = None
-    rounds: int = 1
-
-
-VS_2011 = 2e-3
-"""The 2011 study's Stribeck velocity, m/s. From the rig's wider default a fit of pressure laws ends in a worse optimum."""
-
-LAW_ROUNDS = 3
-"""Rounds of a fit with the 2011 laws, which are slow to find; see ``Identification``."""
-
-STANDSTILL = 1e-3
-"""Relative fall of the cost below which another round is not worth it."""
 
 
 def identified(task: Identification) -> Model:
@@ -72,17 +56,7 @@ def identified(task: Identification) -> Model:
         task.truth, task.hidden, task.recordings.seed, task.recordings.duration, training=task.training, held_out=(),
         sensors=task.sensors,
     )  # fmt: skip
-    start = None if task.vs is None else {"vs": task.vs}
-    model = api.fit(runs.rig, runs.train, add=task.add, start=start, name=task.label).content
-    for _ in range(task.rounds - 1):
-        if model.fit.converged:
-            break
-        again = api.fit(runs.rig, runs.train, add=task.add, start=dict(model.values), name=task.label).content
-        better = again.fit.cost_per_sample < (1.0 - STANDSTILL) * model.fit.cost_per_sample
-        if not better and again.fit.stage == model.fit.stage:
-            break
-        model = again
-    return model
+    return api.fit(runs.rig, runs.train, add=task.add, name=task.label).content
 
 
 def identifications(scenario: Scenario, truth: TruthServo, hidden: Hidden) -> Iterator[Identification]:
@@ -95,8 +69,7 @@ def identifications(scenario: Scenario, truth: TruthServo, hidden: Hidden) -> It
             (CONSTANT, ONE_PRESSURE, ()),
         )
         for label, training, add in plans:
-            given = (scenario.recordings, add, VS_2011, LAW_ROUNDS)
-            yield Identification(label, truth, hidden, sensors, training, *given)
+            yield Identification(label, truth, hidden, sensors, training, scenario.recordings, add)
     for price in scenario.prices:
         rig = Played(truth, hidden, sensors).under(price.condition)
         for words, add in ((WITH, (price.effect,)), (WITHOUT, ())):

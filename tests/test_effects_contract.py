@@ -423,10 +423,10 @@ REACHES = {
 
 BESIDE = {
     "channel_skew": {"shown_x", "shown_p2"}, "sensor_offset_p1": {"shown_F"}, "sensor_offset_p2": {"shown_F"},
-    "end_cushion": {"force"},
+    "end_cushion": {"force"}, "mounting_compliance": {"shown_x"},
 }  # fmt: skip
 """What an effect changes besides: one cause in three sensors; on a bench the force that belongs to the pressures shown; the
-trapped air of a cushion pushes too."""
+trapped air of a cushion pushes too; a position read on the machine shows the recoil of the body."""
 
 
 def check_enters_where_it_says(case: Case) -> None:

@@ -167,6 +167,10 @@ def test_a_body_on_its_mount_moves_like_two_coupled_masses():
     # what is left is the bristle's build-up of 10 mN over its first 10 um
     np.testing.assert_allclose(path[0], relative, atol=1e-5)
     np.testing.assert_allclose(mu * path[plant.states.index("recoil")], found.y[2], atol=5e-6)
+    for read, seen in ((0.0, relative), (1.0, found.y[0])):
+        theta[plant.theta_names.index("read_mount")] = read
+        shown = [float(plant.evaluate(s, (0.0, 7e5), theta).outputs["x"]) for s in path.T[::100]]
+        np.testing.assert_allclose(shown, seen[::100], atol=1e-5)
 
 
 def test_an_oscillating_mount_asks_for_its_own_step():

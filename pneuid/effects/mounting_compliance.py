@@ -11,9 +11,10 @@ _SOURCE = "Den Hartog, Mechanical Vibrations (4th ed., McGraw-Hill 1956), sectio
 
 
 class MountingCompliance(Effect):
-    """Body of mass ``m/mu`` on a mount of natural frequency ``w`` and damping ratio ``zeta``; ``x`` is relative to the body.
+    """Body of mass ``m/mu`` on a mount of natural frequency ``w`` and damping ratio ``zeta``; ``x`` is the piston's way in it.
 
-    The body's displacement is ``mu q`` with ``q'' = -R/m - w^2 q - 2 zeta w q'`` and ``R`` the force of air and friction on
+    A position sensor on the body shows ``x``, one on the machine ``x + mu q``, one on a bracket between ``x + r mu q``. The
+    body's displacement is ``mu q`` with ``q'' = -R/m - w^2 q - 2 zeta w q'`` and ``R`` the force of air and friction on
     the piston; the load feels ``-m mu q''``. Typical: mu 0.1 to 1, w 60 to 400 rad/s (10 to 60 Hz), zeta 0.02 to 0.2.
     """
 
@@ -27,11 +28,12 @@ class MountingCompliance(Effect):
     states = (State("recoil", "m", 0.0, 2e-3, 1e-3), State("recoil_speed", "m/s", 0.0, 0.2, 5e-2))
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Moving mass over body mass, natural frequency and damping ratio of the body on its mount."""
+        """Moving mass over body mass, natural frequency and damping ratio of the mount, share of the recoil in the reading."""
         return (
             Parameter("mu_mount", "μ", "1", 0.0, 5.0, 0.0, 0.1, _SOURCE, off=0.0),
             Parameter("w_mount", "ω", "rad/s", 20.0, 600.0, 120.0, 1.0, _SOURCE, positive=True, prior=1.0),
             Parameter("zeta_mount", "ζ", "1", 0.01, 1.0, 0.08, 1.0, _SOURCE, positive=True, prior=1.0),
+            Parameter("read_mount", "r", "1", 0.0, 1.0, 0.5, 0.3, _SOURCE),
         )
 
     def _pull(self, scope: Scope) -> Expression:
@@ -47,6 +49,12 @@ class MountingCompliance(Effect):
     def force(self, force: Expression, scope: Scope) -> Expression:
         """Add the inertia force of the load in the moving frame."""
         return force + scope.p.mu_mount * (self._driving(scope) - scope.mass * self._pull(scope))
+
+    def sensor(self, signal: str, value: Expression, scope: Scope) -> Expression:
+        """Add what a position sensor sees of the body's displacement."""
+        if signal != "x":
+            return value
+        return value + scope.p.read_mount * scope.p.mu_mount * scope.state.recoil
 
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
         """The body on its mount, driven by the reaction; its damping is taken exactly."""
