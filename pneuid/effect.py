@@ -21,8 +21,8 @@ EQUATIONS = ("valve", "flow_1", "flow_2", "pressure_1", "pressure_2", "friction"
 
 
 PORTS = (
-    "mass", "valve", "edges", "supply", "critical_ratio", "flows", "volumes", "pressure_rates", "coefficients",
-    "stribeck_speed", "friction", "force", "sensor",
+    "mass", "valve", "edges", "supply", "critical_ratio", "subsonic_index", "flows", "volumes",
+    "pressure_rates", "coefficients", "stribeck_speed", "friction", "force", "sensor",
 )  # fmt: skip
 """Methods of ``Effect`` that are ports."""
 
@@ -200,6 +200,10 @@ class Effect:
     def critical_ratio(self, b: Expression, scope: Scope) -> Expression:
         """Critical pressure ratio of the valve's edges (``flow_1``)."""
         return b
+
+    def subsonic_index(self, m: Expression, scope: Scope) -> Expression:
+        """Exponent of the valve's flow function below choked flow, 0.5 for a quarter ellipse (``flow_1``)."""
+        return m
 
     def edges(self, edges: Edges, scope: Scope) -> Edges:
         """Openings of the four metering edges, after saturation (``valve``)."""

@@ -245,15 +245,15 @@ class Plant:
             opening = effect.valve(opening, scope)
         edge_1, edge_2 = valve.edges(opening, smoothing)
         edges = valve.Edges(supply_1=edge_1, supply_2=edge_2, exhaust_1=edge_2, exhaust_2=edge_1)
-        b = th["b"]
+        b, m = th["b"], valve.ELLIPSE
         for effect, scope in zip(self.effects, scopes, strict=True):
             scope.opening_1, scope.opening_2 = edge_1, edge_2
             edges = effect.edges(edges, scope)
             psup = effect.supply(psup, scope)
-            b = effect.critical_ratio(b, scope)
+            b, m = effect.critical_ratio(b, scope), effect.subsonic_index(m, scope)
 
         def flow(p_from: Expression, p_to: Expression) -> Expression:
-            return valve.mass_flow(p_from, p_to, th["C"], b, th["T"], smoothing.laminar)
+            return valve.mass_flow(p_from, p_to, th["C"], b, th["T"], smoothing.laminar, m)
 
         supply_1, supply_2 = edges.supply_1 * flow(psup, p1), edges.supply_2 * flow(psup, p2)
         mdot1 = supply_1 - edges.exhaust_1 * flow(p1, th["patm"])

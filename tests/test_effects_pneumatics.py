@@ -254,6 +254,15 @@ def test_the_critical_ratio_is_that_of_a_rig_file_that_says_so(b, p1, p2, u):
     assert float(freed.mdot2) == pytest.approx(float(other.mdot2), rel=1e-9, abs=1e-15)
 
 
+def test_a_larger_subsonic_index_lets_less_through_near_the_supply_and_as_much_when_choked():
+    plant = plant_with("valve_critical_ratio")
+    near, choked = ({"p1": p1, "p2": 1.1e5, "psup": 7e5, "u": 5.0} for p1 in (6.5e5, 1.5e5))
+    less, plain = (float(at(plant, near, {"subsonic_index": m}).mdot1) for m in (0.6, 0.5))
+    assert less < 0.95 * plain
+    same, usual = (float(at(plant, choked, {"subsonic_index": m}).mdot1) for m in (0.6, 0.5))
+    assert same == pytest.approx(usual, rel=1e-12)
+
+
 def test_air_is_accounted_for_between_supply_chambers_and_exhaust():
     """Every effect that only moves openings keeps supply = chambers + exhaust."""
     names = ("valve_asymmetry", "valve_null_leakage", "exhaust_restriction", "valve_critical_ratio")

@@ -58,6 +58,17 @@ def test_flow_function_is_one_when_choked_and_the_standards_ellipse_above(b, rat
     assert 0.0 <= found <= 1.0
 
 
+@given(critical, st.floats(0.0, 1.0), st.floats(0.4, 0.7))
+def test_the_subsonic_index_bends_the_flow_function_below_choked_flow_alone(b, ratio, m):
+    """ISO 6358-1:2013: ``(1 - ((r - b) / (1 - b))^2)^m``."""
+    found, ellipse = (float(flow_function(ratio, b, FINE.laminar, index)) for index in (m, 0.5))
+    if ratio <= b:
+        assert found == 1.0
+    elif ratio < 1.0 - FINE.laminar:
+        assert found == pytest.approx(ellipse ** (2.0 * m), rel=1e-9)
+    assert 0.0 <= found <= 1.0
+
+
 @given(critical, st.sampled_from([FINE.laminar, COARSE.laminar]))
 def test_flow_function_vanishes_at_equal_pressures_and_joins_its_patch(b, laminar):
     edge = 1.0 - laminar

@@ -35,6 +35,7 @@ from pneuid.virtual_rig import (
 )
 from pneuid.virtual_rig import layout as at
 from pneuid.virtual_rig.kernel import advance
+from pneuid.virtual_rig.kernel.valve import metered
 from pneuid.virtual_rig.packing import pack
 from pneuid.virtual_rig.sensors import averaged, delayed
 from pneuid.virtual_rig.servo import rest_state
@@ -185,6 +186,20 @@ def test_bracket_yields_against_the_force():
     assert (
         -20.0 * soft.mounting_compliance < history[-1, at.BODY_X] < -0.6 * 20.0 * soft.mounting_compliance
     )  # it hardens
+
+
+def test_the_critical_ratio_of_a_valve_falls_as_it_opens():
+    hidden = Hidden(valve_critical_ratio=0.2)
+    par = pack(RIG, hidden)
+    flow = {
+        opening: metered(opening, par[at.CRITICAL], par[at.PSI_PATCH], 7e5, 3.9e5, 293.15, 293.15, par) / opening
+        for opening in (0.02, 0.5, 1.0)
+    }
+    assert par[at.CRITICAL] == pytest.approx(0.5)
+    assert flow[0.02] > flow[0.5] > flow[1.0], "at a ratio of 0.557 a closed edge with 0.55 is all but choked"
+    plain = pack(RIG, NOTHING)
+    shares = [metered(o, plain[at.CRITICAL], plain[at.PSI_PATCH], 7e5, 3.9e5, 293.15, 293.15, plain) / o for o in (0.02, 1.0)]
+    assert shares[0] == pytest.approx(shares[1], rel=1e-12)
 
 
 def test_valve_and_gas_effects_have_the_expected_sign():

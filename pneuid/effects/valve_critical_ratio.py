@@ -10,7 +10,10 @@ _SOURCE = "ISO 6358-1:2013, eq. (2) and clause 3 (critical back-pressure ratio b
 
 
 class ValveCriticalRatio(Effect):
-    """The critical pressure ratio ``b`` of the valve becomes a fitted parameter."""
+    """The critical pressure ratio ``b`` of the valve and its subsonic index ``m`` become fitted parameters.
+
+    Another ratio alone cannot follow a valve whose flow falls off more or less steeply than the quarter ellipse, m = 0.5.
+    """
 
     name = "valve_critical_ratio"
     mechanism = "flow through the valve chokes at another pressure ratio than the rig file says"
@@ -21,11 +24,18 @@ class ValveCriticalRatio(Effect):
     rigs = ("servo",)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """The ratio, off at the rig's own value; spool valves have 0.15 to 0.5."""
+        """The ratio, off at the rig's own value, spool valves have 0.15 to 0.5; the index, off at that of the ellipse."""
         b = rig.critical_ratio
         low, high = min(0.02, 0.5 * b), max(0.8, 0.5 * (1.0 + b))
-        return (Parameter("critical_ratio", "b", "1", low, high, b, 0.05, _SOURCE, off=b),)
+        return (
+            Parameter("critical_ratio", "b", "1", low, high, b, 0.05, _SOURCE, off=b),
+            Parameter("subsonic_index", "m", "1", 0.4, 0.7, 0.5, 0.05, _SOURCE, off=0.5),
+        )
 
     def critical_ratio(self, b: Expression, scope: Scope) -> Expression:
         """Shift the valve's ratio by the difference to the rig file's."""
         return b + (scope.p.critical_ratio - scope.rig.b)
+
+    def subsonic_index(self, m: Expression, scope: Scope) -> Expression:
+        """The exponent of its own."""
+        return scope.p.subsonic_index

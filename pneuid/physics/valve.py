@@ -9,33 +9,40 @@ import casadi as ca
 from pneuid.physics.gas import RHO_REFERENCE, T_REFERENCE
 from pneuid.physics.smoothing import Expression, Smoothing, positive_part
 
+ELLIPSE = 0.5
+"""Subsonic index with which the flow function is a quarter ellipse."""
 
-def flow_function(ratio: Expression, b: Expression, laminar: Expression) -> Expression:
+
+def flow_function(ratio: Expression, b: Expression, laminar: Expression, m: Expression = ELLIPSE) -> Expression:
     """ISO 6358-1 flow function ``psi`` of the pressure ratio, with a linear patch next to ratio 1.
 
-    Parameters: ``ratio`` = p_down/p_up in 0..1; ``b`` critical pressure ratio in 0..1; ``laminar`` width of the patch.
-    Returns 1 in choked flow, falling to 0 at ratio 1. Source: ISO 6358-1:2013, eq. (1) and (2); the patch keeps
-    the slope finite where the standard's ellipse is vertical.
+    Parameters: ``ratio`` = p_down/p_up in 0..1; ``b`` critical pressure ratio in 0..1; ``laminar`` width of the patch;
+    ``m`` subsonic index. Returns 1 in choked flow, falling to 0 at ratio 1. Source: ISO 6358-1:2013, eq. (1) and (2);
+    the patch keeps the slope finite where the standard's curve is vertical.
     """
     edge = 1.0 - laminar
     per = 1.0 / (1.0 - b)
-    at_edge = ca.sqrt(1.0 - ((edge - b) * per) ** 2)
-    # the root's argument is kept positive so that the branch not taken has a finite derivative
-    inside = ca.fmin(ca.fmax(ratio, b), edge)
-    ellipse = ca.sqrt(1.0 - ((inside - b) * per) ** 2)
-    return ca.if_else(ratio < edge, ellipse, at_edge / laminar * (1.0 - ratio))
+
+    def curve(at: Expression) -> Expression:
+        inside = 1.0 - ((at - b) * per) ** 2
+        return ca.sqrt(inside) if isinstance(m, float) and m == ELLIPSE else inside**m
+
+    # the power's argument is kept positive so that the branch not taken has a finite derivative
+    subsonic = curve(ca.fmin(ca.fmax(ratio, b), edge))
+    return ca.if_else(ratio < edge, subsonic, curve(edge) / laminar * (1.0 - ratio))
 
 
 def mass_flow(
-    p_from: Expression, p_to: Expression, C: Expression, b: Expression, T: Expression, laminar: Expression
-) -> Expression:
+    p_from: Expression, p_to: Expression, C: Expression, b: Expression, T: Expression, laminar: Expression,
+    m: Expression = ELLIPSE,
+) -> Expression:  # fmt: skip
     """Mass flow in kg/s from absolute pressure ``p_from`` to ``p_to`` (Pa) through conductance ``C`` (m^3/(s Pa)).
 
-    Negative when ``p_to`` is the higher one (back-flow). ``T`` is the upstream temperature in K.
-    Source: ISO 6358-1:2013, eq. (1).
+    Negative when ``p_to`` is the higher one (back-flow). ``T`` is the upstream temperature in K; ``b`` and ``m`` as in
+    ``flow_function``. Source: ISO 6358-1:2013, eq. (1).
     """
     up, down = ca.fmax(p_from, p_to), ca.fmin(p_from, p_to)
-    size = C * RHO_REFERENCE * ca.sqrt(T_REFERENCE / T) * up * flow_function(down / up, b, laminar)
+    size = C * RHO_REFERENCE * ca.sqrt(T_REFERENCE / T) * up * flow_function(down / up, b, laminar, m)
     return ca.if_else(p_from >= p_to, size, -size)
 
 

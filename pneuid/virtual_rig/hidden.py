@@ -62,7 +62,8 @@ class Hidden:
         Half width of the spool's hysteresis as a fraction of full scale: three plays in parallel (Prandtl-Ishlinskii).
     valve_critical_ratio
         By how much the filling edges' b exceeds the declared one; venting edges by 0.8 of it, and the subsonic curve is
-        no quarter ellipse but has a larger exponent (ISO 6358-3's m).
+        no quarter ellipse but has a larger exponent (ISO 6358-3's m). A quarter of it more at a closed edge, as much less
+        at an open one.
     valve_null_leakage
         Opening of every edge at the null by the spool's clearance, as a fraction of full scale.
     exhaust_restriction

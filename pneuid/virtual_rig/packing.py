@@ -81,7 +81,7 @@ def _patch(critical: float, power: float) -> float:
 def _pack_gas_and_valve(par: NDArray[np.float64], truth: TruthServo, hidden: Hidden) -> None:
     more = hidden.valve_critical_ratio
     fill, vent = (min(max(truth.critical_ratio + share * more, 0.05), 0.85) for share in (1.0, 0.8))
-    power = 0.5 + 0.25 * abs(more)
+    power, par[at.CRITICAL_SPREAD] = 0.5 + 0.25 * abs(more), 0.25 * more
     par[at.PATM], par[at.TEMPERATURE], par[at.POLYTROPIC] = truth.patm, truth.temperature, truth.polytropic
     par[at.GAS_RT] = GAS_CONSTANT * truth.temperature
     par[at.REFERENCE_FLOW] = NORMAL_DENSITY * math.sqrt(NORMAL_TEMPERATURE / truth.temperature)

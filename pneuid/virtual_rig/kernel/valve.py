@@ -51,6 +51,19 @@ def orifice(
 
 
 @compiled
+def metered(
+    opening: float, critical: float, patch: float, here: float, there: float, t_here: float, t_there: float, par: Array
+) -> float:
+    """Mass flow [kg/s] through an edge of the valve, whose critical ratio may fall as it opens."""
+    spread, power, conductance = par[at.CRITICAL_SPREAD], par[at.PSI_POWER], par[at.CONDUCTANCE] * opening
+    if spread != 0.0:
+        critical += spread * (1.0 - 2.0 * min(opening, 1.0))
+        part = (PATCH_FROM - critical) / (1.0 - critical)
+        patch = (1.0 - part * part) ** power / (1.0 - PATCH_FROM)
+    return orifice(conductance, critical, patch, power, here, there, t_here, t_there, par)
+
+
+@compiled
 def leak(fraction: float, here: float, there: float, t_here: float, t_there: float, par: Array) -> float:
     """Sharp-edged leak [kg/s] whose sonic conductance is a fraction of the valve's."""
     b = par[at.S_LEAK_CRITICAL]
@@ -122,16 +135,16 @@ def valve_flows(
 ) -> tuple[float, float, float, float]:
     """Mass flows [kg/s] through the four edges: supply to 1, 1 to exhaust, supply to 2, 2 to exhaust."""
     o1, e1, o2, e2 = openings(spool_travel(spool, y, par), par)
-    c, ambient = par[at.CONDUCTANCE], par[at.TEMPERATURE]
+    c, ambient = 1.0, par[at.TEMPERATURE]
     if par[at.H_SUPPLY_GAIN] != 0.0:
-        c *= 1.0 + par[at.H_SUPPLY_GAIN] * (ps - par[at.PATM] - par[at.S_SUPPLY_REF]) / par[at.S_SUPPLY_REF]
+        c += par[at.H_SUPPLY_GAIN] * (ps - par[at.PATM] - par[at.S_SUPPLY_REF]) / par[at.S_SUPPLY_REF]
     warm = ambient + y[at.WARMING]
-    b, patch, power = par[at.CRITICAL], par[at.PSI_PATCH], par[at.PSI_POWER]
-    fill_1 = orifice(c * o1, b, patch, power, ps, port_1, warm, y[at.T1], par)
-    fill_2 = orifice(c * o2, b, patch, power, ps, port_2, warm, y[at.T2], par)
+    b, patch = par[at.CRITICAL], par[at.PSI_PATCH]
+    fill_1 = metered(c * o1, b, patch, ps, port_1, warm, y[at.T1], par)
+    fill_2 = metered(c * o2, b, patch, ps, port_2, warm, y[at.T2], par)
     b, patch = par[at.CRITICAL_VENT], par[at.PSI_PATCH_VENT]
-    vent_1 = orifice(c * e1, b, patch, power, port_1, exhaust, y[at.T1], ambient, par)
-    vent_2 = orifice(c * e2, b, patch, power, port_2, exhaust, y[at.T2], ambient, par)
+    vent_1 = metered(c * e1, b, patch, port_1, exhaust, y[at.T1], ambient, par)
+    vent_2 = metered(c * e2, b, patch, port_2, exhaust, y[at.T2], ambient, par)
     return fill_1, vent_1, fill_2, vent_2
 
 
