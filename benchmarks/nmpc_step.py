@@ -126,7 +126,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--problems", type=int, default=40, help="problems that do-mpc solves")
-    parser.add_argument("--reference", action="store_true", help="solve every problem by IPOPT as well, which takes minutes")
+    parser.add_argument("--reference", action="store_true", help="solve every problem by qpOASES as well")
     given = parser.parse_args()
     found = made()
     supply = found.design_supply
@@ -187,7 +187,7 @@ def recorded(found: Controllers, supply: float) -> Recorded:
 
 
 def against_reference(found: Controllers, supply: float) -> str:
-    """How far the commands of every problem, as the controller solves it, are from a converged reference."""
+    """How far the commands of every problem, as the controller solves it, are from those of an independent solver."""
     nmpc, run = found.nmpc, recorded(found, supply)
     nmpc.reset(Measurement(*run.seen[0]), run.target[: nmpc.preview])
     free, bound = [], []
@@ -196,7 +196,7 @@ def against_reference(found: Controllers, supply: float) -> str:
         apart = float(np.max(np.abs(nmpc.plan()[1] - reference(nmpc.program))))
         (bound if nmpc.iterations else free).append(apart)
     return (
-        f"command changes, own - IPOPT's (scaled): at most {max(free):.2g} on {len(free)} problems without active bounds, "
+        f"command changes, own - qpOASES (scaled): at most {max(free):.2g} on {len(free)} problems without active bounds, "
         f"{max(bound):.2g} on {len(bound)} with"
     )
 

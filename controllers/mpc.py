@@ -48,8 +48,12 @@ class MpcGains:
 ERROR_SCALE = 1e-4
 """Position error that counts 1/2 in the cost, m; sets the scale of the quadratic program only."""
 
-TOLERANCE = 1e-7
-"""Of the quadratic program, whose commands are of order one."""
+TOLERANCE = 1e-4
+"""Of the quadratic program's interior point, whose commands are of order one; what it leaves is taken to the last digit."""
+
+ASIDE = 1e-6
+"""Distance from the ends of the command, in its scale, at which a plan that saturates is linearised: at the very end the
+last digit would decide whether the valve has any authority there."""
 
 GIVE = 1e-3
 """Softness of the state bounds: crossing by one typical size costs as much as 2 mm of position error."""
@@ -190,12 +194,15 @@ class Mpc(Controller):
         """One real-time iteration; returns the first command, V (not finite when the program has no solution)."""
         h = self.horizon
         self._start_x[:], self._start_u[:] = self._plan_x[:-1], self._plan_u
+        held, (low, high) = self._start_x[:, -1], (self._lower[0, -1] + ASIDE, self._upper[0, -1] - ASIDE)
+        self._start_u[:] = np.minimum(np.maximum(held + self._start_u, low), high) - held
         self._linearise()
         # CasADi writes column by column: each stage's matrix arrives transposed
         A = np.ascontiguousarray(self._A.transpose(0, 2, 1))
         target = np.zeros((h.N + 1, h.nx))
         target[:, 0], target[:, 1] = ahead[:, POSITION] / h.scale[0], ahead[:, VELOCITY] / h.scale[1]
-        c = self._after - np.einsum("iab,ib->ia", A, self._start_x) - self._B * self._start_u[:, None]
+        with np.errstate(over="ignore", invalid="ignore"):  # on nonsense from the sensors; what is not finite is not played
+            c = self._after - np.einsum("iab,ib->ia", A, self._start_x) - self._B * self._start_u[:, None]
         self._upper[:, 2:4] = 1.05 * self._supply[0] / h.scale[2]
         self.program = qp.Program(
             A, self._B, c, self._Q, -self._Q * target, self._weight_of_change(), self._lower, self._upper,

@@ -9,8 +9,10 @@ reachable through ``u``. When the minimum without bounds respects them all, it i
 
 Method: Mehrotra's predictor-corrector; every iterate satisfies the dynamics, so one Riccati recursion per iteration
 gives the Newton direction. A soft bound is the hard one with ``give`` added to the diagonal of its complementarity
-row, since the best slack is ``give`` times the multiplier.
-Sources: Rao, Wright, Rawlings, J. Optim. Theory Appl. 99 (1998) 723 (structure); Mehrotra, SIAM J. Optim. 2 (1992) 575.
+row, since the best slack is ``give`` times the multiplier. What it finds is taken to the last digit by Newton steps on the
+active bounds.
+Sources: Rao, Wright, Rawlings, J. Optim. Theory Appl. 99 (1998) 723 (structure); Mehrotra, SIAM J. Optim. 2 (1992) 575;
+Hintermueller, Ito, Kunisch, SIAM J. Optim. 13 (2003) 865 (active sets by Newton steps).
 """
 
 from __future__ import annotations
@@ -28,6 +30,18 @@ LARGEST_ITERATIONS = 40
 _TO_BOUNDARY = 0.995
 _FIRST_BARRIER = 1.0
 _SMALLEST_SLACK = 0.1
+
+_ENOUGH = 1e-11
+"""Complementarity at which the interior point's own end is taken, where no set of active bounds settles."""
+
+_POLISHES = 8
+"""Newton steps at most on the active bounds, of which two are enough where the interior point has told them right."""
+
+_YIELD = 1e-8
+"""Softness of a hard bound in these steps, in the program's units: what it leaves is taken away by the next one."""
+
+_EXACT = 1e-10
+"""Largest change of a command in the last of these steps, and of a bound crossed that still counts as none."""
 
 
 class Solution(NamedTuple):
@@ -56,12 +70,12 @@ class Program(NamedTuple):
 
 def solve(
     A: Array, B: Array, c: Array, Q: Array, q: Array, R: float, lower: Array, upper: Array, give: Array, x0: Array,
-    tolerance: float = 1e-8,
+    tolerance: float = 1e-5,
 ) -> Solution:  # fmt: skip
     """Solve it. Shapes: A (N, nx, nx); B, c (N, nx); Q, q, lower, upper (N+1, nx); give, x0 (nx,).
 
-    The problem should be scaled so that states and commands are of order one; ``tolerance`` holds for the
-    complementarity, the bounds and the last step alike.
+    The problem should be scaled so that states and commands are of order one. ``tolerance`` holds for the interior point's
+    complementarity, bounds and last step alike; below it the active bounds are tried as equations, and their minimum is exact.
     """
     N, nx = B.shape
     x, u = np.zeros((N + 1, nx)), np.zeros(N)
@@ -238,6 +252,67 @@ def _move(x: Array, u: Array, dx: Array, du: Array, step: float) -> float:
 
 
 @njit(cache=True)
+def _active_terms(
+    rows: Rows, m: int, give: Array, active: Rows, mult: Array, room: Array, Qb: Array, gx: Array
+) -> None:
+    """Add what the active bounds, taken for equations, contribute to weights and gradient."""
+    for k in range(m):
+        if active[k]:
+            i, j, sign = rows[k, 0], rows[k, 1], rows[k, 2]
+            weight = 1.0 / (_YIELD + give[j])
+            Qb[i, j] += weight
+            gx[i, j] += sign * (mult[k] + weight * (room[k] - give[j] * mult[k]))
+
+
+@njit(cache=True)
+def _active_after(
+    rows: Rows, m: int, give: Array, dx: Array, active: Rows, mult: Array, room: Array
+) -> bool:
+    """Multipliers after a step, True if the active bounds stay what they were: one that pulls is let go, one crossed joins."""
+    same = True
+    for k in range(m):
+        i, j, sign = rows[k, 0], rows[k, 1], rows[k, 2]
+        after = room[k] + sign * dx[i, j]
+        if active[k]:
+            mult[k] += (after - give[j] * mult[k]) / (_YIELD + give[j])
+            if mult[k] < 0.0:
+                mult[k], active[k], same = 0.0, 0, False
+        elif after > _EXACT:
+            active[k], same = 1, False
+    return same
+
+
+@njit(cache=True)
+def _polish(
+    A: Array, B: Array, Q: Array, q: Array, R: float, lower: Array, upper: Array, give: Array, rows: Rows, m: int,
+    x: Array, u: Array, t: Array, mult: Array,
+) -> bool:  # fmt: skip
+    """The exact minimum from one whose active bounds show in slacks ``t`` and ``mult``, in place.
+
+    Where the steps do not settle nothing is changed, and False is returned.
+    """
+    N, nx = B.shape
+    gain, pivot, dx, du = np.zeros((N, nx)), np.zeros(N), np.zeros((N + 1, nx)), np.zeros(N)
+    Qb, gx, room = np.zeros((N + 1, nx)), np.zeros((N + 1, nx)), np.zeros(m)
+    old_x, old_u, active, pull = x.copy(), u.copy(), np.zeros(m, np.int64), np.zeros(m)
+    for k in range(m):
+        active[k] = mult[k] > t[k]
+        pull[k] = mult[k] * active[k]
+    for _ in range(_POLISHES):
+        _beyond(rows, m, lower, upper, x, room)
+        Qb[:] = Q
+        _gradient(Q, q, x, gx)
+        _active_terms(rows, m, give, active, pull, room, Qb, gx)
+        _factorise(A, B, Qb, R, gain, pivot)
+        _direction(A, B, gain, pivot, gx, R, u, dx, du)
+        change = _move(x, u, dx, du, 1.0)
+        if _active_after(rows, m, give, dx, active, pull, room) and change < _EXACT:
+            return True
+    x[:], u[:] = old_x, old_u
+    return False
+
+
+@njit(cache=True)
 def _interior_point(
     A: Array, B: Array, Q: Array, q: Array, R: float, lower: Array, upper: Array, give: Array, rows: Rows, m: int,
     x: Array, u: Array, tolerance: float,
@@ -281,7 +356,10 @@ def _interior_point(
             t[k] += step * dt[k]
             mult[k] += step * dmult[k]
         settled = step > 0.9 and change < np.sqrt(tolerance) and (1.0 - step) * worst < tolerance
-        if settled and _complementarity(m, t, mult, 0.0, dt, dmult) < tolerance:
+        mu = _complementarity(m, t, mult, 0.0, dt, dmult)
+        if not settled or mu >= tolerance:
+            continue
+        if _polish(A, B, Q, q, R, lower, upper, give, rows, m, x, u, t, mult) or mu < _ENOUGH:
             return iteration, True
     return LARGEST_ITERATIONS, False
 

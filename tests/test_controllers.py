@@ -238,6 +238,24 @@ def test_no_hunting_after_the_first_move(name, share, noise, made):
         assert loop.metrics(loop.run(made(name, "2011"), plant, FIRST_MOVE, FIVE_BAR, seed=seed)).wander < 100e-6
 
 
+def test_a_plan_at_the_end_of_the_command_has_authority_whatever_its_last_digit(made):
+    """The valve saturates at the bound itself: linearised there, rounding decides between full authority and none."""
+    nmpc, far = made("nmpc"), Steps("far", 0.1, 1.0, (0.2,), 0.5, 20.0)
+    ahead = track(nmpc, far, rows=20)[10:]
+    gains, commands = [], []
+    for last_digit in (-4e-16, 0.0, 4e-16):
+        nmpc.reset(at_rest(x=0.1), ahead[: nmpc.preview])
+        for k in range(6):
+            nmpc._plan_x[:, -1] *= 1.0 + last_digit
+            commands.append(nmpc.step(at_rest(x=0.1), ahead[k : k + nmpc.preview]))
+        assert nmpc.iterations > 0
+        gains.append(nmpc.program.B[:, 2:4].copy())
+    assert np.all(np.abs(gains[1]).max(axis=1) > 0.0)
+    np.testing.assert_allclose(gains[0], gains[1], rtol=1e-6)
+    np.testing.assert_allclose(gains[2], gains[1], rtol=1e-6)
+    np.testing.assert_allclose(np.reshape(commands, (3, 6)).std(axis=0), 0.0, atol=1e-6)
+
+
 def test_pressure_laws_pay_where_the_supply_left_the_tuning_point(made):
     constant = build("nmpc", ControlModel(*nominal_model(SEALS_2011, frozen_at=FIVE_BAR)), DESIGN, refined=False)
     plant, supply = ServoPlant(SEALS_2011), TRUTH.patm + 7e5

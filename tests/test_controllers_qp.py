@@ -1,4 +1,4 @@
-"""The structured quadratic program against IPOPT, an independent solver, with bounds active and not."""
+"""The structured quadratic program against IPOPT and qpOASES, independent solvers, with bounds active and not."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from reference_qp import reference
 
 from controllers import qp
 
@@ -67,8 +68,21 @@ def test_same_commands_as_ipopt(seed, bound, soft):
     given_problem = problem(seed, bound, soft)
     found = qp.solve(*given_problem)
     assert found.solved
-    # ten times the solver's tolerance on its complementarity, see the module
+    # what IPOPT's own tolerance leaves
     np.testing.assert_allclose(found.u, oracle(*given_problem), atol=1e-6)
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-8])
+@pytest.mark.parametrize("soft", [False, True])
+def test_what_the_interior_point_leaves_is_taken_to_the_last_digit(tolerance, soft):
+    """Active sets found by a method that has nothing in common with it; bounds active by a hair are among them."""
+    iterations = 0
+    for seed in range(40):
+        given_problem = problem(seed, 0.05 * (1 + seed % 7), soft)
+        found = qp.solve(*given_problem, tolerance)
+        iterations += found.iterations
+        np.testing.assert_allclose(found.u, reference(qp.Program(*given_problem)), atol=1e-9)
+    assert iterations > 100, "bounds are active"
 
 
 def test_a_program_without_active_bounds_takes_no_iteration():

@@ -17,7 +17,7 @@ from controllers.control_model import EFFECTS, P1, P2, ControlModel, V, X, Z
 from controllers.horizon import bristle_function, stage_function
 from controllers.inverse_valve import same_effect
 from controllers.model_plant import STEP, step_function
-from controllers.mpc import ROUNDED_LAMINAR, ROUNDED_OPENING, TOLERANCE, Mpc, observer_function
+from controllers.mpc import ASIDE, ROUNDED_LAMINAR, ROUNDED_OPENING, TOLERANCE, Mpc, observer_function
 from controllers.observer import ObserverGains, memory_size, start_memory
 from controllers.registry import build
 from controllers.servo import Servo
@@ -132,7 +132,7 @@ def sizes(found: Controllers) -> dict[str, str]:
     }  # fmt: skip
     reals = {
         "SERVO_INTERVAL": found.servo.sample_time, "NMPC_INTERVAL": nmpc.sample_time, "NMPC_TOLERANCE": TOLERANCE,
-        "PLANT_STEP": STEP,
+        "NMPC_ASIDE": ASIDE, "PLANT_STEP": STEP,
     }  # fmt: skip
     return {f"PNEUID_{name}": str(value) for name, value in (places | counts).items()} | {
         f"PNEUID_{name}": repr(value) for name, value in reals.items()

@@ -105,17 +105,19 @@ static void friction_ahead(pneuid_nmpc *self, const pneuid_reference ahead[N + 1
 void pneuid_nmpc_linearise(pneuid_nmpc *self, double psup)
 {
     pneuid_qp *qp = &self->qp;
+    const double low = qp->lower[0][NX - 1] + PNEUID_NMPC_ASIDE, high = qp->upper[0][NX - 1] - PNEUID_NMPC_ASIDE;
     int i, a, b;
     for (i = 0; i < N; i++) {
-        const double *x = self->plan_x[i], *u = &self->plan_u[i];
+        const double *x = self->plan_x[i], held = x[NX - 1];
+        const double u = fmin(fmax(held + self->plan_u[i], low), high) - held;
         double after[NX];
-        pneuid_stage(x, u, &self->force[i], &psup, self->rounded, after, &qp->A[i][0][0], qp->B[i]);
+        pneuid_stage(x, &u, &self->force[i], &psup, self->rounded, after, &qp->A[i][0][0], qp->B[i]);
         for (a = 0; a < NX; a++) {
             double product = 0.0;
             for (b = 0; b < NX; b++) {
                 product += qp->A[i][a][b] * x[b];
             }
-            qp->c[i][a] = after[a] - product - qp->B[i][a] * *u;
+            qp->c[i][a] = after[a] - product - qp->B[i][a] * u;
         }
     }
 }

@@ -11,6 +11,10 @@
 #define TO_BOUNDARY 0.995
 #define FIRST_BARRIER 1.0
 #define SMALLEST_SLACK 0.1
+#define ENOUGH 1e-11 /* complementarity that is taken where no set of active bounds settles */
+#define POLISHES 8  /* Newton steps at most on the active bounds */
+#define YIELD 1e-8  /* softness of a hard bound in them; what it leaves is taken away by the next one */
+#define EXACT 1e-10 /* largest change of the last step, and of a bound crossed that counts as none */
 
 /* States under the commands u from x[0]. */
 static void roll_out(pneuid_qp *qp)
@@ -221,6 +225,72 @@ static double move(pneuid_qp *qp, double step)
     return largest;
 }
 
+/* Weights and gradient with what the active bounds, taken for equations, contribute. */
+static void active_terms(pneuid_qp *qp)
+{
+    int k;
+    memcpy(qp->Qb, qp->Q, sizeof qp->Qb);
+    gradient(qp);
+    for (k = 0; k < qp->bounds; k++) {
+        const int i = qp->bound[k].stage, j = qp->bound[k].state, side = qp->bound[k].side;
+        if (qp->active[k]) {
+            const double weight = 1.0 / (YIELD + qp->give[j]);
+            qp->Qb[i][j] += weight;
+            qp->gx[i][j] += side * (qp->pull[k] + weight * (qp->violation[k] - qp->give[j] * qp->pull[k]));
+        }
+    }
+}
+
+/* Multipliers after a step; an active bound that pulls is let go, one that is crossed joins. 1 if all stay as they were. */
+static int active_after(pneuid_qp *qp)
+{
+    int k, same = 1;
+    for (k = 0; k < qp->bounds; k++) {
+        const int i = qp->bound[k].stage, j = qp->bound[k].state, side = qp->bound[k].side;
+        const double after = qp->violation[k] + side * qp->dx[i][j];
+        if (qp->active[k]) {
+            qp->pull[k] += (after - qp->give[j] * qp->pull[k]) / (YIELD + qp->give[j]);
+            if (qp->pull[k] < 0.0) {
+                qp->pull[k] = 0.0;
+                qp->active[k] = 0;
+                same = 0;
+            }
+        } else if (after > EXACT) {
+            qp->active[k] = 1;
+            same = 0;
+        }
+    }
+    return same;
+}
+
+/* The exact minimum from one whose active bounds show in slacks and multipliers; 0, and nothing changed, where it does not
+ * settle. */
+static int polish(pneuid_qp *qp)
+{
+    double change;
+    int k;
+
+    memcpy(qp->found_x, qp->x, sizeof qp->x);
+    memcpy(qp->found_u, qp->u, sizeof qp->u);
+    for (k = 0; k < qp->bounds; k++) {
+        qp->active[k] = (char)(qp->multiplier[k] > qp->slack[k]);
+        qp->pull[k] = qp->multiplier[k] * qp->active[k];
+    }
+    for (k = 0; k < POLISHES; k++) {
+        (void)beyond(qp);
+        active_terms(qp);
+        factorise(qp, (const double(*)[NX])qp->Qb);
+        direction(qp);
+        change = move(qp, 1.0);
+        if (active_after(qp) && change < EXACT) {
+            return 1;
+        }
+    }
+    memcpy(qp->x, qp->found_x, sizeof qp->x);
+    memcpy(qp->u, qp->found_u, sizeof qp->u);
+    return 0;
+}
+
 /* Mehrotra's predictor and corrector from a point that satisfies the dynamics, as every iterate does. */
 static int interior_point(pneuid_qp *qp, double tolerance)
 {
@@ -258,8 +328,9 @@ static int interior_point(pneuid_qp *qp, double tolerance)
             qp->slack[k] += step * qp->dslack[k];
             qp->multiplier[k] += step * qp->dmultiplier[k];
         }
-        if (step > 0.9 && change < sqrt(tolerance) && (1.0 - step) * worst < tolerance &&
-            complementarity(qp, 0.0) < tolerance) {
+        mu = complementarity(qp, 0.0);
+        if (step > 0.9 && change < sqrt(tolerance) && (1.0 - step) * worst < tolerance && mu < tolerance &&
+            (polish(qp) || mu < ENOUGH)) {
             return 1;
         }
     }

@@ -7,8 +7,10 @@
  * soft: crossing it by s costs s^2 / (2 give[j]); with give[j] = 0 it is hard and must be reachable through u.
  * The sizes are fixed when compiling: PNEUID_STAGES and PNEUID_NX of pneuid_model.h.
  *
+ * What the method finds is taken to the last digit by Newton steps on the bounds that it found active.
+ *
  * Sources: Rao, Wright, Rawlings, J. Optim. Theory Appl. 99 (1998) 723 (structure); Mehrotra, SIAM J. Optim. 2 (1992)
- * 575 (predictor and corrector). */
+ * 575 (predictor and corrector); Hintermueller, Ito, Kunisch, SIAM J. Optim. 13 (2003) 865 (active sets by Newton steps). */
 #ifndef PNEUID_QP_H
 #define PNEUID_QP_H
 
@@ -36,12 +38,16 @@ typedef struct {
     pneuid_qp_bound bound[PNEUID_QP_BOUNDS];
     double slack[PNEUID_QP_BOUNDS], multiplier[PNEUID_QP_BOUNDS], violation[PNEUID_QP_BOUNDS];
     double aim[PNEUID_QP_BOUNDS], dslack[PNEUID_QP_BOUNDS], dmultiplier[PNEUID_QP_BOUNDS];
+    double found_x[PNEUID_STAGES + 1][PNEUID_NX], found_u[PNEUID_STAGES];
+    double pull[PNEUID_QP_BOUNDS]; /* multipliers of the active bounds */
+    char active[PNEUID_QP_BOUNDS];
     int bounds;     /* how many of them there are */
     int iterations; /* of the interior-point method; 0 when no bound was active */
 } pneuid_qp;
 
-/* Solve it from x[0]. tolerance holds for complementarity, bounds and the last step alike; the program should be
- * scaled to order one. Returns 1 when it holds, 0 when the iterations ran out (x and u then are the best found). */
+/* Solve it from x[0]. tolerance holds for complementarity, bounds and last step of the interior point alike, below it the
+ * active bounds are tried as equations; scale the program to order one. Returns 1 when it is solved, 0 when the
+ * iterations ran out (x and u then are the best found). */
 int pneuid_qp_solve(pneuid_qp *qp, double tolerance);
 
 #endif
