@@ -30,7 +30,7 @@ from controllers.export.recorded import Recorded, hard_track, record
 from controllers.export.sources import c_sources
 from controllers.horizon import stage_function
 from controllers.model_plant import ModelPlant
-from controllers.mpc import Mpc
+from controllers.mpc import ASIDE, Mpc
 from controllers.nominal import nominal_model
 from controllers.tuning import Design
 from pneuid.plant import RANGES
@@ -109,7 +109,9 @@ def converged(nmpc: Mpc, plan_x: np.ndarray, plan_u: np.ndarray, force: np.ndarr
     h = nmpc.horizon
     theta = nmpc.model.with_values(smooth_opening=0.02, smooth_laminar=5e-3)
     program = nmpc.program
+    low, high = program.lower[1, -1] + ASIDE, program.upper[1, -1] - ASIDE
     for _ in range(30):
+        plan_u = np.clip(plan_x[:-1, -1] + plan_u, low, high) - plan_x[:-1, -1]
         after, A, B = (np.asarray(item) for item in h.dynamics(plan_x[:-1].T, plan_u, force, psup, theta))
         A = A.reshape(h.nx, h.N, h.nx).transpose(1, 0, 2)
         B = np.ascontiguousarray(B.T)

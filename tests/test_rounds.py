@@ -52,6 +52,26 @@ def test_what_is_accepted(current, error, cost, taken):
 
 
 @pytest.mark.parametrize(
+    ("error", "fits", "cost", "taken"),
+    [
+        (1.3, 50.0, 26_300.0, True),  # 20.8 to 7 floors on the training runs, 95 % of the excess; the cost rose
+        (1.3, 150.0, 26_300.0, False),  # the training runs are predicted hardly better
+        (3.0, 50.0, 26_300.0, False),  # two thirds of the excess
+        (3.0, 50.0, 26_000.0, True),  # which is enough where the cost falls
+        (1.3, 150.0, 26_000.0, True),
+    ],
+)
+def test_where_break_away_is_at_stake_predictions_of_both_kinds_of_runs_take_the_place_of_the_cost(
+    error, fits, cost, taken, monkeypatch
+):
+    """A rest's effect at its right size: the relaxed cost was higher than without it, whose zigzag had stopped elsewhere."""
+    current = stub(7.2, 26_150.0)
+    tried = [(score("friction_dwell", 10.0), stub(error, cost, "friction_dwell"))]
+    monkeypatch.setattr(JUDGE, "fits", lambda trial: fits if trial.added else 432.0)
+    assert (rounds.accepted(tried, current, current, JUDGE) is not None) == taken
+
+
+@pytest.mark.parametrize(
     ("error", "cost", "taken"), [(6.0, 26_000.0, True), (12.0, 26_000.0, False), (6.0, 26_500.0, False)]
 )
 def test_beside_a_strong_first_effect_a_second_one_must_explain_nearly_all_that_is_left(error, cost, taken):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -78,6 +79,14 @@ def test_a_second_look_is_for_a_loud_balance_or_for_predictions_far_off_where_no
     monkeypatch.setattr(walk, "loudest", lambda _: loud)
     chosen = score("friction_pressure", 50.0), stub(left, 26_300.0, "friction_pressure")
     assert walking(current=stub(error, 26_350.0))._needs_second_looks(chosen) is looks
+
+
+@pytest.mark.parametrize(("whole", "looks"), [(305.0, True), (8.0, False)])
+def test_a_second_look_is_for_predictions_far_off_in_the_worst_tenth_too(whole, looks, monkeypatch):
+    """A rest's effect at few break-aways: 17 floors off there, 2.7 without them."""
+    monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
+    current = replace(stub(7.2, 26_150.0), whole=whole)
+    assert walking(current=current)._needs_second_looks(None) is looks
 
 
 def test_rivals_explain_both_kinds_of_runs_alike_whatever_their_group():

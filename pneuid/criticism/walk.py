@@ -220,7 +220,7 @@ class Walk:
         """Whether much is left that the leading effects do not explain: on a balance, or, far off, at break-away alone."""
         if self.pooled or self.current.added is not None or not leaves_much(chosen, self.current):
             return False
-        return loudest(self.current) > DEFECT_RATIO or self.current.error > FAR_OFF**2
+        return loudest(self.current) > DEFECT_RATIO or max(self.current.error, self.current.whole) > FAR_OFF**2
 
     def _by_one_floor(self, tried: Tried) -> Tried:
         self.judge, self.current, self.first, tried = same_floor(self.judge, self.current, self.first, tried)
