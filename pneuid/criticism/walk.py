@@ -193,13 +193,15 @@ class Walk:
         if self.current.added is None and not self.pooled:
             made = overtaking(self.current, scores, made, self.judge, self.refitter, self.say)
         tried = self._by_one_floor(made)
-        chosen = self._best(tried)
-        if self._needs_second_looks(chosen):
-            looked = second_looks(self.current, scores, tried, self.judge, self.refitter, self.say)
-            tried = self._by_one_floor(looked)
-            chosen = self._best(tried)
-        known: set[str] = set()
-        while chosen is not None and chosen[0].effect.name not in known:
+        chosen, known, looked = self._best(tried), set[str](), False
+        while True:
+            # a leading effect that does not bear other starts may have kept others from being looked at
+            if not looked and self._needs_second_looks(chosen):
+                again = second_looks(self.current, scores, tried, self.judge, self.refitter, self.say)
+                tried, looked = self._by_one_floor(again), True
+                chosen = self._best(tried)
+            if chosen is None or chosen[0].effect.name in known:
+                return tried, chosen
             # what fits the training runs better may predict worse; then another is the best, or none
             equals = [] if self.pooled else promised_alike(chosen[0], tried)
             for one in (chosen, *equals):
@@ -208,7 +210,6 @@ class Walk:
                     better = settled(*one, self.current, self.judge, self.refitter, self.say)
                     tried = [(score, better if score is one[0] else trial) for score, trial in tried]
             chosen = self._best(tried)
-        return tried, chosen
 
     def _best(self, tried: Tried) -> tuple[Score, Trial] | None:
         """The trial to accept, if any: what the held-out runs say, or all runs where those cannot judge."""
