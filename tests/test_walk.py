@@ -58,7 +58,7 @@ def test_an_effect_that_does_not_bear_reading_break_away_anew_is_not_accepted(mo
 def test_where_the_leading_effect_does_not_bear_other_starts_a_second_look_finds_what_it_hid(monkeypatch):
     """It explained most, so that nothing else was looked at: a silencer stayed `unknown` behind heat at the walls."""
     heat, silencer = score("heat_transfer", 900.0), score("exhaust_restriction", 20.0)
-    looks = []
+    looks, ends = [], {"heat_transfer": stub(180.0, 29_000.0, "heat_transfer")}
 
     def looked(_current, _scores, tried, *_):
         looks.append(tried)
@@ -68,7 +68,8 @@ def test_where_the_leading_effect_does_not_bear_other_starts_a_second_look_finds
     monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     monkeypatch.setattr(walk, "loudest", lambda _: 9.0)
     monkeypatch.setattr(walk, "second_looks", looked)
-    monkeypatch.setattr(walk, "settled", lambda one, trial, *_: stub(180.0, 29_000.0, "heat_transfer") if one is heat else trial)
+    monkeypatch.setattr(walk, "overtaking", lambda _current, _scores, tried, *_: tried)
+    monkeypatch.setattr(walk, "settled", lambda _, trial, *__: ends.get(trial.added, trial))
     _, chosen = walking()._round([heat], 15.0)
     assert chosen is not None and chosen[0] is silencer
     assert len(looks) == 1 and looks[0][0][1].error == 180.0, "once, and with the end that the other start led to"
