@@ -176,16 +176,25 @@ class Walk:
         return scores
 
     def backward(self) -> None:
-        """Try to drop each accepted effect but the last; keep the smaller model where the held-out error hardly rises."""
-        for name in list(self.named[:-1]):
-            if name not in {effect.name for effect in self.current.fit.plant.effects}:
+        """Try to drop each accepted effect but the last; keep the smaller model where the held-out error hardly rises.
+
+        What remains is put in order of weight: first the effect without which the training runs cost most. The order in which
+        effects were found is that of the prediction of break-away, which a small effect may turn first.
+        """
+        costlier: dict[str, float] = {}
+        for name in list(self.named):
+            if len(self.named) < 2 or name not in {effect.name for effect in self.current.fit.plant.effects}:
                 continue  # a richer friction law took the simple one's place; without it the model is another
             smaller = self.judge.trial(self.refitter.without(self.current.fit, name))
             rise = smaller.error - self.current.error
-            if rise < max(3 * self.judge.spread, 0.02 * (self.first.error - 1.0)):
+            if name != self.named[-1] and rise < max(3 * self.judge.spread, 0.02 * (self.first.error - 1.0)):
                 self.say(f"{name} dropped again: without it the held-out error stays")
                 self.named = [other for other in self.named if other != name]
                 self.current = smaller
+                continue
+            without, now = costs(smaller, self.current)
+            costlier[name] = without - now
+        self.named.sort(key=lambda name: -costlier.get(name, np.inf))
 
     def _round(self, scores: Sequence[Score], least: float) -> tuple[Tried, tuple[Score, Trial] | None]:
         """Trials of one round and the one to accept, if any, all by the floor of the best model so far."""
