@@ -69,6 +69,9 @@ def test_where_break_away_is_at_stake_predictions_of_both_kinds_of_runs_take_the
     tried = [(score("friction_dwell", 10.0), stub(error, cost, "friction_dwell"))]
     monkeypatch.setattr(JUDGE, "fits", lambda trial: fits if trial.added else 432.0)
     assert (rounds.accepted(tried, current, current, JUDGE) is not None) == taken
+    far_off = stub(270.0, 26_150.0)
+    left = [(score("friction_dwell", 10.0), stub(45.0, 26_300.0, "friction_dwell"))]
+    assert rounds.accepted(left, far_off, far_off, JUDGE) is None, "seven floors left of sixteen: something else is wrong"
 
 
 @pytest.mark.parametrize(

@@ -57,9 +57,10 @@ FAR = 0.25
 """Share of the excess left by the best of the leading effects above which others get a second look as well: a lag or a
 memory shows little of itself in a linear prediction from zero, and its place is taken by what imitates it."""
 
-FORESEEN = 0.5
-"""Share of the error of predicting the training runs below which nearly all of the held-out excess explained is enough: where
-break-away alone is at stake, two relaxed fits differ in cost by where their zigzag across the slips has stopped."""
+FORESEEN, WITHIN = 0.5, 3.0
+"""Share of the error of predicting the training runs, and held-out error in floors, below which nearly all of the held-out
+excess explained is enough: where break-away alone is at stake, two relaxed fits differ in cost by where their zigzag across
+the slips has stopped. What still leaves more has another cause, mostly a base model at a wrong optimum."""
 
 SMALL = 0.5
 """Share of a typical amplitude below which a refit has not been where a second look starts."""
@@ -215,7 +216,8 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[
             enough = standing - ended > LEAST_DROP
         else:
             enough = now - after > max(LEAST_DROP, LEAST_PART * (before - now))
-        foreseen = part >= NEARLY_ALL and judge.fits(trial) < FORESEEN**2 * judge.fits(current)
+        near = part >= NEARLY_ALL and trial.error < WITHIN**2
+        foreseen = near and judge.fits(trial) < FORESEEN**2 * judge.fits(current)
         if excess > 0 and fall > 3 * judge.spread and share and (enough or foreseen) and inside_bounds(score, trial):
             good.append((score, trial))
     return min(good, key=lambda item: item[1].error) if good else None
