@@ -18,12 +18,18 @@ from pneuid.workbench.views.parts import note, zoomable
 
 _ROLES = {"train": "train", "hold_out": "held out", "unused": "not used"}
 
+_PRESSED = "event => { const row = event.target.closest('.run-row'); if (row) emit(row.dataset.run); }"
+_ENTERED = "event => { if (event.target.matches('.run-row')) emit(event.target.dataset.run); }"
+
 
 def build(page: Any) -> None:
     """Draw the view: what the user may be busy with, a file dialog or rig.toml, stays while the rest follows the state."""
     with ui.row().classes("w-full no-wrap gap-3 items-start"):
         with ui.column().classes("gap-3").style("width:410px;flex:none"):
             runs = ui.column().classes("w-full")
+            # heard here and not on the rows: a row that is drawn anew between press and arrival would lose it
+            runs.on("click", lambda event: _choose(page, event.args), js_handler=_PRESSED)
+            runs.on("keydown.enter", lambda event: _choose(page, event.args), js_handler=_ENTERED)
             _upload(page)
             follow = _rig(page)
         shown = ui.column().classes("grow gap-3").style("min-width:0")
@@ -104,8 +110,7 @@ def _runs(page: Any) -> None:
         for run in bench.files:
             with ui.row().classes("run-row w-full items-center no-wrap gap-2") as row:
                 row.classes("chosen" if run.name == _chosen(page) else "")
-                row.props('tabindex="0"').on("click", lambda _, name=run.name: _choose(page, name))
-                row.on("keydown.enter", lambda _, name=run.name: _choose(page, name))
+                row.props('tabindex="0"').props["data-run"] = run.name
                 with ui.column().classes("gap-0 grow").style("min-width:0"):
                     ui.label(run.name).classes("ellipsis").props('data-testid="run"')
                     fault = bench.faults.get(run.name)
@@ -131,6 +136,7 @@ def _state(bench: Any, name: str, size: int) -> str:
 
 
 def _choose(page: Any, name: str) -> None:
+    """Show a run; a name that is no run of the project shows the first one."""
     page.memory["run"] = name
     page.memory.pop("data-span", None)
     page.show("data")
