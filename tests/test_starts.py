@@ -137,15 +137,25 @@ class _Exact:
     """Exact stages with scripted misfits, None where none is found, in place of solved ones; ``anew`` those of the same
     parameters with first states read anew, where they differ."""
 
-    def __init__(self, monkeypatch, *misfits: float | None, anew: tuple[float | None, ...] = ()) -> None:
+    def __init__(self, monkeypatch, *misfits: float | None, anew: tuple[float | None, ...] = (), near: bool = True) -> None:
         self.misfits, self.anew, self.started = list(misfits), list(anew), []
+        monkeypatch.setattr(exact_end, "within_reach", lambda *_: near)
         monkeypatch.setattr(exact_end, "exact_stage", self.made)
+        monkeypatch.setattr(exact_end, "exact_by_windows", self.made_by_windows)
         monkeypatch.setattr(exact_end, "exact_from", self.made_anew)
         monkeypatch.setattr(exact_end, "values_at", lambda *_: dict(FOUND))
         monkeypatch.setattr(exact_end, "inside", lambda _problem, values: np.array([values["sigma0"], values["sigma1"]]))
 
     def made(self, _problem, outcome, _monitor):
         self.started.append(outcome.X[0])
+        return self.next()
+
+    def made_by_windows(self, _problem, outcome, starts, _monitor):
+        assert starts[0] is outcome.X and starts[1:] == ["break-away as in the guess"]
+        self.started.append("windows")
+        return self.next()
+
+    def next(self) -> SimpleNamespace | None:
         if not self.misfits:
             raise KeyboardInterrupt
         misfit = self.misfits.pop(0)
@@ -166,7 +176,10 @@ class _Exact:
     def end(self) -> End:
         problem = SimpleNamespace(plant=PLANT, nq=2, weighted=10_000, relaxation=TIGHT)
         soft = _Outcome(X=np.array([1e5, 90.0, 7.0]))
-        task = SimpleNamespace(monitor=None, guess=dict, nodes=lambda values, _: values == FOUND and "nodes at what was found")
+        task = SimpleNamespace(
+            monitor=None, guess=dict, nodes=lambda values, _: values == FOUND and "nodes at what was found",
+            fresh_starts=lambda *_: ["break-away as in the guess"],
+        )  # fmt: skip
         return exact_end.exact_end(task, problem, Relaxed(soft, 0.1, None))
 
 
@@ -178,12 +191,21 @@ class _Outcome:
 
 @pytest.mark.parametrize(
     ("misfits", "tried", "best"),
-    [((1.0,), 1, 1.0), ((None, 1.3, 1.01), 3, 1.01), ((1.3, None, None, 1.4), 4, 1.3), ((None,) * 4, 4, np.inf)],
+    [((1.0,), 1, 1.0), ((None, 1.3, 1.01), 3, 1.01), ((1.3, None, None, None, 1.4), 5, 1.3), ((None,) * 5, 5, np.inf)],
 )
 def test_it_is_started_again_until_only_noise_is_left_and_the_best_is_kept(monkeypatch, misfits, tried, best):
     exact = _Exact(monkeypatch, *misfits)
     assert exact.end().misfit == best
     assert len(exact.started) == tried
+
+
+def test_windows_come_before_other_break_aways_and_first_where_the_simulation_is_far_off(monkeypatch):
+    near = _Exact(monkeypatch, None, None, 1.0)
+    near.end()
+    assert near.started[:2] == [1e5, "windows"] and near.started[2] != "windows"
+    far = _Exact(monkeypatch, None, 1.0, near=False)
+    far.end()
+    assert far.started[0] == "windows" and len(far.started) == 2
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from pneuid.estimation.shooting import Shooting
 from pneuid.estimation.solver import INTERRUPTED
-from pneuid.estimation.stages import End, Relaxed, exact_again, exact_from, exact_stage
+from pneuid.estimation.stages import (
+    End,
+    Exact,
+    Relaxed,
+    exact_again,
+    exact_by_windows,
+    exact_from,
+    exact_stage,
+    within_reach,
+)
 from pneuid.estimation.starts import break_aways
 from pneuid.estimation.task import Task, inside, values_at
 
@@ -23,20 +34,25 @@ def exact_end(task: Task, problem: Shooting, soft: Relaxed, known: tuple[np.ndar
             return replace(end, hard=exact_again(problem, soft.outcome, *known, task.monitor))
         except KeyboardInterrupt:
             return replace(end, interrupted=True)
+    starts = [soft.outcome.X, *task.fresh_starts(problem, soft.outcome.X)]
+    ways: list[Callable[[], Exact | None]] = [lambda: exact_by_windows(problem, soft.outcome, starts, task.monitor)]
+    if within_reach(problem, soft.outcome):
+        ways.insert(0, lambda: exact_stage(problem, soft.outcome, task.monitor))
     relaxed = values_at(problem, soft.outcome.X)
-    end = _sharp(task, end, soft.outcome.X)
     for other in break_aways(problem.plant, relaxed):
+        X = np.concatenate([inside(problem, relaxed | other), soft.outcome.X[problem.nq :]])
+        ways.append(partial(exact_stage, problem, replace(soft.outcome, X=X), task.monitor))
+    for way in ways:
+        end = better(end, _sharp(task, end, way))
         if end.interrupted or not end.doubtful:
             break
-        X = np.concatenate([inside(problem, relaxed | other), soft.outcome.X[problem.nq :]])
-        end = better(end, _sharp(task, End(problem, soft), X))
     return end
 
 
-def _sharp(task: Task, end: End, X: np.ndarray) -> End:
-    """Relaxed ``end`` with the exact fit from ``X``; where that is to be doubted, also with the first states read anew."""
+def _sharp(task: Task, end: End, way: Callable[[], Exact | None]) -> End:
+    """``end`` with the exact fit that one way leads to; where that is to be doubted, also with the first states read anew."""
     try:
-        end = replace(end, hard=exact_stage(end.problem, replace(end.soft.outcome, X=X), task.monitor))
+        end = replace(end, hard=way())
         if end.hard is None or not end.doubtful:
             return end
         values = task.guess() | values_at(end.hard.problem, end.hard.outcome.X)

@@ -175,14 +175,21 @@ def _by_sections(task: Task, start: Mapping[str, float]) -> End | None:
         if problem.relaxation != TIGHT:
             return None  # other sections will not make a wrong model right
         try:
-            samples = sum(run.n for run in task.runs)
-            sharp = sharpened(problem, soft.outcome, samples, task.monitor) if End(problem, soft).near else None
+            sharp = _sharpened(part, problem, soft, sum(run.n for run in task.runs))
         except KeyboardInterrupt:
             return _from_sections(task, problem, soft, None)
         if sharp is not None:
             end = _from_sections(task, problem, soft, sharp)
             return end if end.interrupted or end.hard is not None else None
     return None
+
+
+def _sharpened(part: Task, problem: Shooting, soft: Relaxed, samples: int) -> Exact | None:
+    """The exact fit of sections of a record of so many ``samples``, where the relaxed one came near enough."""
+    if not End(problem, soft).near:
+        return None
+    starts = [soft.outcome.X, *part.fresh_starts(problem, soft.outcome.X)]
+    return sharpened(problem, soft.outcome, starts, samples, part.monitor)
 
 
 def _from_sections(task: Task, problem: Shooting, soft: Relaxed, sharp: Exact | None) -> End:

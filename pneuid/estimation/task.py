@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pneuid.errors import UserError
-from pneuid.estimation.first_guess import first_guess, first_nodes, motions
+from pneuid.estimation.first_guess import BREAK_AWAY, first_guess, first_nodes, motions
 from pneuid.estimation.own import declared
 from pneuid.estimation.preparation import Run, data_ranges
 from pneuid.estimation.shooting import NODE_EVERY, Shooting, relaxed_smoothing
@@ -71,6 +71,18 @@ class Task:
         for name, row in self.known.items():
             nodes[self.plant.states.index(name)] = row
         return nodes
+
+    def fresh_starts(self, problem: Shooting, X: np.ndarray) -> list[np.ndarray]:
+        """``X`` with the break-away of the data's own guess, and all nodes read anew at it; none for a law without any.
+
+        The relaxed fit hardly sees a break-away: its jumps between intervals take up what a peak of friction does.
+        """
+        guess, values = self.guess(), values_at(problem, X)
+        fresh = {name: guess[name] for name in BREAK_AWAY if name in values}
+        if not fresh:
+            return []
+        nodes = self.nodes(guess | values | fresh, problem.samples)
+        return [problem.join(inside(problem, values | fresh), nodes)]
 
 
 def node_every(dt: float) -> int:
