@@ -36,8 +36,8 @@ def exact_end(task: Task, problem: Shooting, soft: Relaxed, known: tuple[np.ndar
             return replace(end, interrupted=True)
     starts = [soft.outcome.X, *task.fresh_starts(problem, soft.outcome.X)]
     ways: list[Callable[[], Exact | None]] = [lambda: exact_by_windows(problem, soft.outcome, starts, task.monitor)]
-    if within_reach(problem, soft.outcome):
-        ways.insert(0, lambda: exact_stage(problem, soft.outcome, task.monitor))
+    # straight first where that may well lead there, for it takes a tenth of the time
+    ways.insert(0 if within_reach(problem, soft.outcome) else 1, partial(exact_stage, problem, soft.outcome, task.monitor))
     relaxed = values_at(problem, soft.outcome.X)
     for other in break_aways(problem.plant, relaxed):
         X = np.concatenate([inside(problem, relaxed | other), soft.outcome.X[problem.nq :]])

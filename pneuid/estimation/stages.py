@@ -26,6 +26,7 @@ from pneuid.estimation.solver import (
     Monitor,
     Outcome,
     Settling,
+    solve_chained,
     solve_exact,
     solve_relaxed,
     solve_relaxed_again,
@@ -44,12 +45,19 @@ wrong for it. A right model leaves about 0.15, a missing effect of twice the noi
 NEAR_RELAXED = 2.0
 """Cost of an acceptable exact solution, in units of the relaxed one; beyond it a slip happens at the wrong time."""
 
+CUT_ABOVE = (3.5, 2.0)
+"""Defects, in units of their median, at which the path is cut to let the parameters move past a slip."""
+
+LARGEST_CUTS = 0.1
+"""Share of the intervals that may be cut."""
+
 NO_DOUBT = 1.2
 """The same below which no other way is tried."""
 
 REACH = 1e4
-"""The same of the simulation from the relaxed nodes above which no path is sought straight from there: of 28 random rigs 16 lie
-below 5e3, of which 15 lead there, and 9 above 3e4, of which one does, by 41 iterations."""
+"""The same of the simulation from the relaxed nodes above which windows that grow come before a path straight from there, and
+parameters of sections are no start for the whole: of 28 random rigs 16 lie below 5e3, of which 15 lead there, and 9 above 3e4,
+of which one does, by 41 iterations."""
 
 STEP_SHARE = 0.4
 """Error of the stiffness from the time step, in units of its standard error, that the last stage may leave."""
@@ -276,9 +284,23 @@ def _like(problem: Shooting, X: np.ndarray, substeps: int) -> Shooting:
 def _straight(
     problem: Shooting, soft: Outcome, monitor: Monitor | None, settling: Settling = CLOSE
 ) -> Outcome | None:
-    """Best path of one simulation per run, straight from the relaxed nodes."""
-    found = walked(Chained(problem), soft.X, monitor, settling)
-    return found if found.cost < NEAR_RELAXED * (soft.cost + soft.penalty) else None
+    """Best path of one simulation per run, straight from the relaxed nodes; through a path with cuts where it must be."""
+    end, _ = problem.evaluate_values(soft.X)
+    jump = np.abs(problem.defects(end, soft.X)).max(axis=1, initial=0.0)
+    tried: list[tuple[int, ...]] = [()]
+    for size in CUT_ABOVE:
+        cuts = problem.linked[jump > size * np.median(jump)] if jump.size else np.zeros(0, dtype=int)
+        if 0 < cuts.size <= max(LARGEST_CUTS * problem.nint, 3):
+            tried.append(tuple(int(i) for i in cuts))
+    for cuts in dict.fromkeys(tried):
+        X = soft.X
+        if cuts:
+            broken = Chained(problem, cuts)
+            X = broken.to_base(solve_chained(broken, broken.from_base(X), monitor).X)
+        found = walked(Chained(problem), X, monitor, settling)
+        if found.success and found.cost < NEAR_RELAXED * (soft.cost + soft.penalty):
+            return found
+    return None
 
 
 def within_reach(problem: Shooting, soft: Outcome) -> bool:
