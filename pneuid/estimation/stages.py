@@ -227,9 +227,11 @@ def sharpened(
     stopped.
     """
     coarse = _like(problem, soft.X, problem.substeps)
+    relaxed = soft.cost + soft.penalty
     path = _straight(coarse, soft, monitor, NEAR) if within_reach(problem, soft) else None
-    if path is None or path.cost > NO_DOUBT * (soft.cost + soft.penalty):
-        path = grown(coarse, starts, NEAR_RELAXED * (soft.cost + soft.penalty), monitor, NEAR) or path
+    if path is None or path.cost > NO_DOUBT * relaxed:
+        limit = NEAR_RELAXED * relaxed if path is None else path.cost
+        path = grown(coarse, starts, limit, monitor, NEAR) or path
     if path is None:
         return None
     spread = uncertainty(coarse, path.X)
