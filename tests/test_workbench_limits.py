@@ -142,7 +142,7 @@ def test_two_windows_cannot_start_two_fits(site, window, tmp_path):
         for one in (window, second):
             one.press_until(click, lambda one=one: one.text("job").startswith("fit: "), "the fit")
         second.wait(lambda: not second.find("fit")[0].is_enabled(), what="the button to be held back")
-        second.press("cancel")
+        second.cancel()
         for one in (window, second):
             one.wait(lambda one=one: "cancelled" in one.text("job"), 20, "the cancel")
         assert list(site.folder.glob("identify*")) == []

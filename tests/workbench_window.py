@@ -185,6 +185,11 @@ class Window:
                 time.sleep(0.1)
         raise AssertionError(f"waited for {what}; job: {self.text('job')!r}")
 
+    def cancel(self) -> None:
+        """Stop the running job, pressing until it stops."""
+        press = """document.querySelector('[data-testid="cancel"]')?.click()"""
+        self.press_until(press, lambda: "cancelled" in self.text("job"), "the cancel")
+
     def pick(self, label: str, words: str) -> None:
         """Choose with the mouse from the menu of the field with this label."""
         option = f"[...document.querySelectorAll('.q-menu .q-item')].find(item => item.innerText.trim() === '{words}')"
