@@ -328,11 +328,27 @@ def test_jobs_run_in_order_and_a_stuck_one_is_ended():
         while worker.current is not stuck:
             worker.poll()
         began = time.monotonic()
-        worker.cancel()
+        worker.cancel(stuck)
         assert finished(worker, stuck).state == "cancelled"
         assert time.monotonic() - began < 10
         assert finished(worker, last).state == "done"
         assert "TypeError" in results[0] and results[1:] == [3]
+    finally:
+        worker.stop()
+
+
+def test_a_job_that_waits_is_cancelled_itself_and_not_the_one_before_it():
+    from pneuid.workbench.jobs import Worker
+
+    worker, results = Worker("test", ()), []
+    try:
+        running = worker.submit("turn", "fractions", "Fraction", {"numerator": 3}, then=results.append)
+        told = {"then": results.append, "otherwise": results.append}
+        waiting = worker.submit("turn", "fractions", "Fraction", {"numerator": 4}, **told)
+        worker.cancel(waiting)
+        assert waiting.state == "cancelled" and waiting.over and results == ["cancelled"]
+        assert finished(worker, running).state == "done"
+        assert results == ["cancelled", 3] and not worker.busy
     finally:
         worker.stop()
 

@@ -52,10 +52,10 @@ LARGEST_CUTS = 0.1
 """Share of the intervals that may be cut."""
 
 NO_DOUBT = 1.2
-"""The same below which no other way is tried."""
+"""Cost of a path of sections, in units of the relaxed one, below which no other way is tried."""
 
 REACH = 1e4
-"""The same of the simulation from the relaxed nodes above which windows that grow come before a path straight from there, and
+"""Cost of the simulation from the relaxed nodes, in the same units, above which windows that grow come before a path straight from there, and
 parameters of sections are no start for the whole: of 28 random rigs 16 lie below 5e3, of which 15 lead there, and 9 above 3e4,
 of which one does, by 41 iterations."""
 

@@ -186,11 +186,17 @@ class Worker:
                 job.otherwise(message or "cancelled")
         self._begin_next()
 
-    def cancel(self) -> None:
-        """Ask the running task to stop; its process is ended where it does not."""
-        if self.current is not None and not self._cancelled_at:
-            self._cancel.set()
-            self._cancelled_at = time.monotonic()
+    def cancel(self, job: Job) -> None:
+        """Ask ``job`` to stop where it runs, its process is ended where it does not; take it from the queue where it waits."""
+        if job is self.current:
+            if not self._cancelled_at:
+                self._cancel.set()
+                self._cancelled_at = time.monotonic()
+        elif any(one is job for one in self._waiting):
+            self._waiting = deque(one for one in self._waiting if one is not job)
+            job.state, job.ended = "cancelled", time.monotonic()
+            if job.otherwise is not None:
+                job.otherwise("cancelled")
 
     def _end_process(self) -> None:
         process, self._process = self._process, None

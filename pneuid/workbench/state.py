@@ -365,7 +365,7 @@ class Workbench:
     def cancel(self) -> None:
         """Cancel the running job."""
         if self.job is not None and not self.job.over:
-            self.computer.cancel()
+            self.computer.cancel(self.job)
 
     def diagnosis(self) -> tuple[str, dict[str, Any]] | None:
         """The newest diagnosis, of the chosen model where one says so, and its folder."""
