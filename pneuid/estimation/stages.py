@@ -55,9 +55,9 @@ NO_DOUBT = 1.2
 """Cost of a path of sections, in units of the relaxed one, below which no other way is tried."""
 
 REACH = 1e4
-"""Cost of the simulation from the relaxed nodes, in the same units, above which windows that grow come before a path straight from there, and
-parameters of sections are no start for the whole: of 28 random rigs 16 lie below 5e3, of which 15 lead there, and 9 above 3e4,
-of which one does, by 41 iterations."""
+"""Cost of the simulation from the relaxed nodes, in the same units, above which windows that grow come before a path straight
+from there, and parameters of sections are no start for the whole: of 28 random rigs 16 lie below 5e3, of which 15 lead there,
+and 9 above 3e4, of which one does, by 41 iterations."""
 
 STEP_SHARE = 0.4
 """Error of the stiffness from the time step, in units of its standard error, that the last stage may leave."""
