@@ -1,7 +1,8 @@
-"""The exact fit along windows that grow: what the windows cover, which start they choose, where they give up."""
+"""The exact fit along windows that grow: what the windows cover, which of them merge, where they give up."""
 
 from __future__ import annotations
 
+import itertools
 import tomllib
 from types import SimpleNamespace
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from pneuid.estimation import growing
-from pneuid.estimation.growing import SAMPLES, grown
+from pneuid.estimation.growing import ACROSS, SAMPLES, grown
 from pneuid.estimation.preparation import noise_of, prepare
 from pneuid.estimation.solver import INTERRUPTED, Outcome
 from pneuid.estimation.stages import exact_by_windows, exact_stage
@@ -20,54 +21,69 @@ from pneuid.rig import Rig
 from pneuid.virtual_rig import ATMOSPHERE, NOTHING, random_servo, record_servo
 
 
-class _Walks:
-    """Windows' walks of scripted costs in place of solved ones."""
+class _Windows:
+    """Windows' walks of scripted costs in place of solved ones; ``bad``: what an interval costs that is simulated from before."""
 
-    def __init__(self, monkeypatch, cost) -> None:
-        self.cost, self.cuts, self.started = cost, [], []
-        monkeypatch.setattr(growing, "Chained", lambda _problem, cuts=(): SimpleNamespace(cuts=list(cuts)))
+    def __init__(self, monkeypatch, cost=lambda _: 1.0, bad=None) -> None:
+        self.cost, self.bad, self.cuts = cost, dict(bad or {}), []
+        monkeypatch.setattr(growing, "Chained", self.chained)
         monkeypatch.setattr(growing, "walked", self.walked)
+
+    def chained(self, problem, cuts=()):
+        starts = {int(first) for first in problem.stretches} | {cut + 1 for cut in cuts}
+        costs = [0.0 if i in starts else self.bad.get(i, 0.0) for i in range(problem.nint)]
+        return SimpleNamespace(cuts=list(cuts), from_base=lambda X: X, interval_costs=lambda _: np.array(costs))
 
     def walked(self, whole, X, _monitor, _settling):
         self.cuts.append(whole.cuts)
-        self.started.append(X)
-        return Outcome(X, self.cost(X, len(self.cuts)), 0.0, "", True, 1, 0.0)
+        return Outcome(X, self.cost(len(self.cuts)), 0.0, "", True, 1, 0.0)
 
 
 def problem(samples: int = SAMPLES) -> SimpleNamespace:
     """Two stretches of 20 and 45 intervals."""
-    return SimpleNamespace(stretches=np.array([0, 20]), nint=65, samples=samples)
+    return SimpleNamespace(stretches=np.array([0, 20]), nint=65, samples=samples, weighted=65 * samples)
 
 
-def test_windows_double_up_to_the_whole_and_never_cross_a_stretch(monkeypatch):
-    walks = _Walks(monkeypatch, lambda *_: 1.0)
-    found = grown(problem(), ["a"], 2.0, None)
+def test_windows_double_where_the_simulation_stays_near_and_never_cross_a_stretch(monkeypatch):
+    windows = _Windows(monkeypatch)
+    found = grown(problem(), "a", 2.0, None)
     assert found is not None and found.X == "a"
-    assert walks.cuts[-1] == [], "one simulation per stretch at the end: the stretches begin anew without a cut"
-    for cuts, length in zip(walks.cuts, (2, 4, 8, 16, 32), strict=False):
-        ends = np.union1d(cuts, [-1, 19, 64])  # Chained ends a window with its stretch
-        assert np.diff(ends).max() == length
-        assert [i for i in cuts if i > 19] == list(range(19 + length, 64, length))
-    assert len(walks.cuts) == 6
+    assert windows.cuts[-1] == [], "one simulation per stretch at the end: the stretches begin anew without a cut"
+    assert windows.cuts[0] == [1, 3, 5, 7, 9, 11, 13, 15, 17, *range(21, 64, 2)]
+    for cuts, later in itertools.pairwise(windows.cuts):
+        ends = np.union1d([-1, 19, 64], cuts)
+        longest = np.diff(np.union1d([-1, 19, 64], later)).max()
+        assert set(later) < set(cuts) and longest <= 2 * np.diff(ends).max(), "a window merges with one neighbour at a time"
+    assert len(windows.cuts) == 6
+
+
+def test_windows_apart_where_the_simulation_misses_wait_until_no_others_merge(monkeypatch):
+    noise = 0.5 * SAMPLES  # of one interval
+    windows = _Windows(monkeypatch, bad={30: 100 * ACROSS * noise, 8: 1e5 * ACROSS * noise})
+    grown(problem(), "a", 2.0, None)
+    waiting = [sorted({7, 29} & set(cuts)) for cuts in windows.cuts]
+    assert waiting[:-2] == [[7, 29]] * (len(waiting) - 2) and waiting[-2:] == [[7], []]
+    assert [cut for cut in windows.cuts[-3] if cut not in (7, 29)] == [], "all others have merged by then"
+
+
+def test_of_a_path_that_no_longer_exists_all_cuts_go_at_last(monkeypatch):
+    windows = _Windows(monkeypatch, bad={30: np.inf, 8: np.nan})
+    assert grown(problem(), "a", 2.0, None) is not None
+    assert windows.cuts[-2] == [7, 29] and windows.cuts[-1] == []
 
 
 def test_the_first_windows_have_samples_enough(monkeypatch):
-    walks = _Walks(monkeypatch, lambda *_: 1.0)
-    grown(problem(samples=3), ["a"], 2.0, None)
-    assert (walks.cuts[0][0] + 1) * 3 >= 2 * SAMPLES
+    windows = _Windows(monkeypatch)
+    grown(problem(samples=3), "a", 2.0, None)
+    assert (windows.cuts[0][0] + 1) * 3 >= 2 * SAMPLES
 
 
-def test_the_start_that_is_cheaper_in_short_windows_goes_on(monkeypatch):
-    walks = _Walks(monkeypatch, lambda X, _: {"a": 1.5, "b": 1.0, "c": 9.0}[X])
-    assert grown(problem(), ["a", "b", "c"], 2.0, None).X == "b"
-    assert walks.started == ["a", "a", "b", "b", "c", *"b" * 4], "what ends above the limit is left at once"
-
-
-@pytest.mark.parametrize("at", [1, 2, 3, 6])
-def test_it_gives_up_where_a_length_ends_above_the_limit(monkeypatch, at):
-    walks = _Walks(monkeypatch, lambda _, n: np.inf if n == at else 1.0)
-    assert grown(problem(), ["a"], 2.0, None) is None
-    assert len(walks.cuts) == at
+@pytest.mark.parametrize(("at", "cost", "walks"), [(1, np.inf, 1), (3, 6.1, 3), (3, 5.9, 6), (6, 2.1, 6)])
+def test_it_gives_up_where_windows_end_far_above_the_limit_or_the_path_above_it(monkeypatch, at, cost, walks):
+    windows = _Windows(monkeypatch, lambda n: cost if n == at else 1.0)
+    found = grown(problem(), "a", 2.0, None)
+    assert (found is None) == (cost != 5.9)
+    assert len(windows.cuts) == walks
 
 
 def test_stopped_it_says_so(monkeypatch):
@@ -102,8 +118,8 @@ def sticking():
 
 def test_they_lead_from_a_break_away_that_is_far_off_to_the_right_one(sticking):
     task, shooting, soft, true = sticking
-    starts = [soft.X, *task.fresh_starts(shooting, soft.X)]
-    found = exact_by_windows(shooting, soft, starts, None)
+    (start,) = task.fresh_starts(shooting, soft.X)
+    found = exact_by_windows(shooting, soft, start, None)
     assert found is not None
     values = values_at(found.problem, found.outcome.X)
     for name, std in zip(found.problem.free, found.spread.std, strict=True):

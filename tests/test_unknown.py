@@ -92,9 +92,12 @@ def test_search_names_it_and_judges_on_held_out_runs():
 
 
 STOOD_IN = [
-    ("friction_position", 0.3, 0.95, "unknown"), ("friction_position", 0.3, 0.7, "effect"),
+    ("friction_position", 0.3, 0.95, "unknown"), ("friction_position", 0.3, 0.6, "effect"),
     ("friction_position", 0.7, 0.99, "unknown"), ("friction_position", 0.8, 0.99, "unknown"),
-    ("friction_position", 0.8, 0.88, "effect"), ("friction_position", 0.95, 0.99, "effect"),
+    ("friction_position", 0.8, 0.88, "effect"), ("friction_position", 0.97, 0.999, "effect"),
+    # clearly more: nearly all and more than the effect, or half of what it leaves
+    ("friction_position", 0.94, 0.98, "unknown"), ("friction_position", 0.94, 0.92, "effect"),
+    ("friction_position", 0.6, 0.81, "unknown"), ("friction_position", 0.6, 0.79, "effect"),
     # a force over x beside a force over x: what the effect's form lacks, while it explains most
     ("load_spring", 0.8, 0.99, "effect"), ("load_spring", 0.7, 0.99, "unknown"),
 ]  # fmt: skip
@@ -118,6 +121,29 @@ def test_an_effect_that_stood_in_for_the_unknown_gives_way_to_it(effect, explain
     assert found.verdict == verdict
     assert found.effects == (() if verdict == "unknown" else (effect,))
     assert found.unknown is not None and found.unknown.curve is not None
+
+
+@pytest.mark.parametrize(
+    ("effect", "explains", "of_the_rest", "verdict"),
+    [("friction_position", 0.5, 0.95, "unknown"), ("friction_position", 0.5, 0.85, "effect"),
+     ("friction_position", 0.8, 0.95, "effect"), ("load_spring", 0.5, 0.95, "effect")],
+)  # fmt: skip
+def test_what_explains_the_larger_part_beside_an_effect_makes_it_unknown(effect, explains, of_the_rest, verdict, monkeypatch):
+    """No function alone explains more than the effect does; beside it one explains a share of what it leaves."""
+    base, (_, held), named = magnet()[0], magnet_runs(), searched()
+    assert named is not None
+    left = 99.0 * (1.0 - explains)
+    best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE[effect]]))
+    found_rest = replace(named, before=1.0 + left, after=1.0 + left * (1.0 - of_the_rest))
+    monkeypatch.setattr("pneuid.criticism.unknown.search", lambda fit, *_: found_rest if fit is best else None)
+    rungs = [
+        Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6)
+        for effects, error in (((), 10.0), ((effect,), np.sqrt(1.0 + left)))
+    ]
+    diagnosis = Diagnosis("effect", (effect,), (), Unknown("force", ("x",), 1.0, "N"))
+    found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
+    assert (found.verdict, found.effects) == (verdict, (effect,))
+    assert found.unknown is not None and found.unknown.effect is not None
 
 
 class _Probes:

@@ -21,12 +21,12 @@ from pneuid.mapped import Mapped
 @dataclass(frozen=True)
 class Walked:
     """A simulated path: state at the start of every interval ``(ns, base.nint)`` and at every window's end ``(ns, nint)``,
-    outputs at the samples ``(ny, base.nint * samples)``, all SI; data cost."""
+    outputs at the samples ``(ny, base.nint * samples)``, all SI; data cost of every interval ``(base.nint,)``."""
 
     path: np.ndarray
     end: np.ndarray
     shown: np.ndarray
-    cost: float
+    costs: np.ndarray
 
 
 class Chained(Shooting):
@@ -63,7 +63,11 @@ class Chained(Shooting):
     def evaluate_values(self, X: np.ndarray) -> tuple[np.ndarray, float]:
         """Physical end states ``(ns, nint)`` and the data cost ``sum r^2 / 2``."""
         walked = self.walked(X)
-        return walked.end, walked.cost
+        return walked.end, float(np.sum(walked.costs))
+
+    def interval_costs(self, X: np.ndarray) -> np.ndarray:
+        """The data cost of every interval of ``base``, ``(base.nint,)``, along the windows' paths."""
+        return self.walked(X).costs
 
     def evaluate(self, X: np.ndarray) -> Evaluation:
         """End states, sensitivities and Gram blocks of the windows, by the chain rule from those of the intervals."""
@@ -110,8 +114,8 @@ class Chained(Shooting):
             state[:, going] = states[:, self.samples :: self.samples + 1]
         with np.errstate(over="ignore", invalid="ignore"):  # a trial point may lie anywhere
             residual = data[-ny:] * (shown - data[-2 * ny : -ny])
-            cost = 0.5 * float(np.sum(residual**2))
-        return Walked(path, state, shown.reshape(ny, -1), cost)
+            costs = 0.5 * np.sum(residual**2, axis=(0, 2))
+        return Walked(path, state, shown.reshape(ny, -1), costs)
 
     def _trajectories(self, count: int) -> Mapped:
         if count not in self._mapped:

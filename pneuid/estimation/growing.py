@@ -1,8 +1,9 @@
-"""From the nodes of the relaxed fit to one path per run, along windows that double in length.
+"""From the nodes of the relaxed fit to one path per run, along windows that merge.
 
 One simulation of a whole run sees a break-away that comes a little too early as everything after it being wrong, and no step
-leads out of that. A window of two intervals sees it as it is. Every window has a first state of its own, so each length is a
-fit without jumps inside its windows; the next one starts where that has led.
+leads out of that. A window of two intervals sees it as it is. Every window has a first state of its own, so each set of
+windows is a fit without jumps inside them. Then neighbours merge where one simulation across both is not far off; where it
+is, a slip happens at the wrong time, and its windows wait until the others have moved the parameters.
 """
 
 from __future__ import annotations
@@ -14,14 +15,23 @@ import numpy as np
 
 from pneuid.estimation.chained import Chained
 from pneuid.estimation.shooting import Shooting
-from pneuid.estimation.solver import CLOSE, INTERRUPTED, USUAL, Monitor, Outcome, Settling, solve_chained
+from pneuid.estimation.solver import CLOSE, INTERRUPTED, ROUGHLY, Monitor, Outcome, Settling, solve_chained
 
-SHORT = (2, 4)
-"""Lengths of the first windows, in steps of ``SAMPLES``. By the cost at the last of them the start is chosen: there the right
-one is cheaper already, and the wrong ones have not yet cost much time."""
+SHORTEST, SAMPLES = 2, 20
+"""Length of the first windows in steps, and samples that a step has at least: with fewer the first states of the windows take
+up what the parameters should."""
 
-SAMPLES = 20
-"""Samples that such a step has at least: with fewer the first states of the windows take up what the parameters should."""
+ACROSS = 30.0
+"""Weighted squared error per sample and signal that one simulation across two windows may add for them to merge, where noise
+alone is 1. At 1 windows that show what the parameters lack stay apart and teach nothing; at 1000 one slip at the wrong time
+bends all parameters (random rigs 5804 and 6001)."""
+
+FURTHER, FURTHEST = 10.0, 1e6
+"""Factor by which that is raised where no windows merge, and where all do."""
+
+SLACK = 3.0
+"""Cost along windows, in units of the limit of the whole path, at which they are given up: a slip at the wrong time costs much
+just before the parameters move to where it happens at the right one."""
 
 
 def walked(whole: Chained, X: np.ndarray, monitor: Monitor | None, settling: Settling = CLOSE) -> Outcome:
@@ -36,42 +46,56 @@ def walked(whole: Chained, X: np.ndarray, monitor: Monitor | None, settling: Set
 
 
 def grown(
-    problem: Shooting, starts: Sequence[np.ndarray], limit: float, monitor: Monitor | None, settling: Settling = CLOSE
+    problem: Shooting, X: np.ndarray, limit: float, monitor: Monitor | None, settling: Settling = CLOSE
 ) -> Outcome | None:
-    """Best path of one simulation per stretch, from that of the ``starts`` (variables of ``problem``) which is cheapest where
-    windows are short; None where a length ends above the cost ``limit``.
+    """Best path of one simulation per stretch from ``X`` (variables of ``problem``); None where it ends above the cost
+    ``limit``, or windows on the way there far above it.
 
     Raises ``KeyboardInterrupt`` where it is stopped.
     """
-    step = -(-SAMPLES // problem.samples)
-    short = [n * step for n in SHORT]
-    ends = [end for X in starts if (end := _along(problem, X, short, limit, monitor)) is not None]
-    if not ends:
-        return None
-    longest, lengths = int(np.diff(np.append(problem.stretches, problem.nint)).max()), [2 * short[-1]]
-    while 2 * lengths[-1] < longest:
-        lengths.append(2 * lengths[-1])
-    last = _along(problem, min(ends, key=lambda end: end.cost).X, lengths, limit, monitor)
-    if last is None:
-        return None
-    path = walked(Chained(problem), last.X, monitor, settling)
+    length = SHORTEST * -(-SAMPLES // problem.samples)
+    spans = zip(problem.stretches, np.append(problem.stretches[1:], problem.nint), strict=True)
+    cuts = [i - 1 for first, end in spans for i in range(first + length, end, length)]
+    while cuts:
+        found = walked(Chained(problem, cuts), X, monitor, ROUGHLY)
+        if not found.cost < SLACK * limit:
+            return None
+        X, cuts = found.X, merged(problem, cuts, found.X)
+    path = walked(Chained(problem), X, monitor, settling)
     return path if path.success and path.cost < limit else None
 
 
-def _along(
-    problem: Shooting, X: np.ndarray, lengths: Sequence[int], limit: float, monitor: Monitor | None
-) -> Outcome | None:
-    """The end of windows of one length after the other; None where one ends above the cost ``limit``."""
-    found = None
-    for length in lengths:
-        found = walked(Chained(problem, _cuts(problem, length)), X, monitor, USUAL)
-        if not found.cost < limit:
-            return None
-        X = found.X
-    return found
+def merged(problem: Shooting, cuts: Sequence[int], X: np.ndarray) -> list[int]:
+    """The ``cuts`` (intervals after which a window ends) that are left at ``X`` where neighbours merge; always fewer."""
+    added = _added(problem, cuts, X)
+    edges = np.unique([*problem.stretches, *(cut + 1 for cut in cuts), problem.nint])
+    allowed = 0.5 * ACROSS * problem.weighted / problem.nint
+    while allowed < FURTHEST * problem.weighted / problem.nint:
+        gone: set[int] = set()
+        for cut in [*cuts[::2], *cuts[1::2]]:
+            before, after = edges[np.searchsorted(edges, cut + 1) + np.array([-1, 1])]
+            # a window merges with one neighbour at a time, so that both were simulated as they will be
+            if added[cut] < allowed * (after - cut - 1) and not {before - 1, after - 1} & gone:
+                gone.add(cut)
+        if gone:
+            return [cut for cut in cuts if cut not in gone]
+        allowed *= FURTHER
+    return []
 
 
-def _cuts(problem: Shooting, length: int) -> list[int]:
-    """Intervals after which a new window of so many intervals begins."""
-    ends = np.append(problem.stretches[1:], problem.nint)
-    return [i - 1 for first, end in zip(problem.stretches, ends, strict=True) for i in range(first + length, end, length)]
+def _added(problem: Shooting, cuts: Sequence[int], X: np.ndarray) -> dict[int, float]:
+    """What a simulation from the window before adds to the cost of the window after every one of the ``cuts``."""
+    edges = np.unique([*problem.stretches, *(cut + 1 for cut in cuts), problem.nint])
+    apart, added = _costs(problem, cuts, X), {}
+    for kept, dropped in ((cuts[1::2], cuts[::2]), (cuts[::2], cuts[1::2])):
+        across = _costs(problem, kept, X)
+        for cut in dropped:
+            window = slice(cut + 1, edges[np.searchsorted(edges, cut + 1) + 1])
+            added[cut] = float(np.sum(across[window] - apart[window]))
+    return added
+
+
+def _costs(problem: Shooting, cuts: Sequence[int], X: np.ndarray) -> np.ndarray:
+    """Data cost of every interval ``(nint,)`` along windows that end after ``cuts``."""
+    windows = Chained(problem, cuts)
+    return windows.interval_costs(windows.from_base(X))

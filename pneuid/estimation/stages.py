@@ -55,7 +55,7 @@ NO_DOUBT = 1.2
 """Cost of a path of sections, in units of the relaxed one, below which no other way is tried."""
 
 REACH = 1e4
-"""Cost of the simulation from the relaxed nodes, in the same units, above which windows that grow come before a path straight
+"""Cost of the simulation from the relaxed nodes, in the same units, above which windows that merge come before a path straight
 from there, and parameters of sections are no start for the whole: of 28 random rigs 16 lie below 5e3, of which 15 lead there,
 and 9 above 3e4, of which one does, by 41 iterations."""
 
@@ -189,10 +189,10 @@ def exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Ex
     return _finished(fine, _straight(fine, soft, monitor), monitor)
 
 
-def exact_by_windows(problem: Shooting, soft: Outcome, starts: Sequence[np.ndarray], monitor: Monitor | None) -> Exact | None:
-    """The exact fit along windows that grow, from one of ``starts`` (variables of ``problem``); as ``exact_stage``."""
+def exact_by_windows(problem: Shooting, soft: Outcome, X: np.ndarray, monitor: Monitor | None) -> Exact | None:
+    """The exact fit along windows that merge, from ``X`` (variables of ``problem``); as ``exact_stage``."""
     fine = _like(problem, soft.X, problem.substeps)
-    return _finished(fine, grown(fine, starts, NEAR_RELAXED * (soft.cost + soft.penalty), monitor), monitor)
+    return _finished(fine, grown(fine, X, NEAR_RELAXED * (soft.cost + soft.penalty), monitor), monitor)
 
 
 def _finished(fine: Shooting, path: Outcome | None, monitor: Monitor | None) -> Exact | None:
@@ -223,15 +223,15 @@ def sharpened(
 ) -> Exact | None:
     """The exact fit of a part of a record of so many ``samples``, at the time step which the whole of it will ask for.
 
-    ``starts`` as in ``exact_by_windows``; None where no continuous path comes near. Raises ``KeyboardInterrupt`` where it is
-    stopped.
+    ``starts`` (variables of ``problem``) of windows that merge, the likeliest first; None where no continuous path comes near.
+    Raises ``KeyboardInterrupt`` where it is stopped.
     """
     coarse = _like(problem, soft.X, problem.substeps)
     relaxed = soft.cost + soft.penalty
     path = _straight(coarse, soft, monitor, NEAR) if within_reach(problem, soft) else None
     if path is None or path.cost > NO_DOUBT * relaxed:
         limit = NEAR_RELAXED * relaxed if path is None else path.cost
-        path = grown(coarse, starts, limit, monitor, NEAR) or path
+        path = next((found for X in starts if (found := grown(coarse, X, limit, monitor, NEAR)) is not None), path)
     if path is None:
         return None
     spread = uncertainty(coarse, path.X)
