@@ -22,7 +22,7 @@ from pneuid.virtual_rig import ATMOSPHERE, NOTHING, random_servo, record_servo
 
 
 class _Windows:
-    """Windows' walks of scripted costs in place of solved ones; ``bad``: what an interval costs that is simulated from before."""
+    """Windows' walks of scripted costs in place of solved ones; ``bad``: what an interval costs simulated from before."""
 
     def __init__(self, monkeypatch, cost=lambda _: 1.0, bad=None) -> None:
         self.cost, self.bad, self.cuts = cost, dict(bad or {}), []

@@ -19,7 +19,7 @@ from pneuid.criticism.frozen import Frozen
 from pneuid.criticism.prediction import predict, rmse
 from pneuid.criticism.probes import Joint, Probing, weights
 from pneuid.effects._spline import KNOTS, Term, curve_columns, spline
-from pneuid.estimation.curves import POINTS, Curve, visited
+from pneuid.estimation.curves import POINTS, Curve, signal_of, visited
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import prepare
 from pneuid.plant import Plant
@@ -68,6 +68,10 @@ NEARLY_ALL, HALF = 0.9, 0.5
 the second of what they leave. Of twelve rigs whose effect the catalogue holds, in another form, it leaves 1.2 times as much or
 more; of three that it does not hold, 0.00, 0.02 and 0.29."""
 
+BEYOND, MARGIN = 0.1, 0.05
+"""Share of the held-out samples outside the range of its signal in the training runs, beyond which a term takes no effect's
+place: out there nothing has shown it. Margin of that range, in its width."""
+
 Say = Callable[[str], None]
 
 
@@ -83,6 +87,8 @@ class Found:
     formula: Distilled | None
     ties: tuple[Term, ...]
     """Other terms that explain the data about as well."""
+    beyond: float
+    """Share of the held-out samples at which the first one's signal is outside its range in the training runs."""
 
     @property
     def explained(self) -> float:
@@ -111,7 +117,8 @@ def search(fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float], 
 
     curve = _curve(fit, best)
     size = float(np.sqrt(np.mean((weights(best.terms[0], probing.scope) @ best.amplitudes[0]) ** 2)))
-    found = Found(best, error(None), error(best), curve, size, distilled(best.terms[0], curve, fit), ties)
+    beyond, formula = _beyond(fit, best.terms[0], hold_out), distilled(best.terms[0], curve, fit)
+    found = Found(best, error(None), error(best), curve, size, formula, ties, beyond)
     say(f"{' + '.join(term.name for term in best.terms)}: removes {100 * found.explained:.0f} % of the held-out excess")
     return found if np.isfinite(found.after) and found.explained > LEAST_EXPLAINED else None
 
@@ -181,6 +188,14 @@ def _curve(fit: Fit, joint: Joint) -> Curve:
     )  # fmt: skip
 
 
+def _beyond(fit: Fit, term: Term, hold_out: Sequence[Recording]) -> float:
+    """Share of the ``hold_out`` samples at which the term's signal is outside its range in the training runs."""
+    low, high = visited(fit.runs, term, fit)
+    margin = MARGIN * (high - low)
+    seen = np.concatenate([signal_of(prepare(run, fit.plant, fit.noise), term.signal, fit) for run in hold_out])
+    return float(np.mean((seen < low - margin) | (seen > high + margin)))
+
+
 def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda _: None) -> Verdict:
     """The verdict with what is known of its unknown rest, unchanged where it has none or nothing explains it.
 
@@ -210,7 +225,7 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
     if rest is None:
         return verdict
     found = replace(diagnosis, unknown=_unknown(rest), sentences=(*diagnosis.sentences, *_said(rest)))
-    if diagnosis.effects and much and _other(rest, theirs) and rest.explained > NEARLY_ALL:
+    if diagnosis.effects and much and _other(rest, theirs) and rest.beyond < BEYOND and rest.explained > NEARLY_ALL:
         found = replace(found, verdict="unknown")
     return replace(verdict, diagnosis=found)
 
@@ -222,7 +237,7 @@ def _other(found: Found, equations: set[str]) -> bool:
 
 def _takes_place(alone: Found, left: float) -> bool:
     """Whether a term beside no effect explains clearly more than effects that leave this squared excess of held-out runs."""
-    return alone.after - 1.0 < (1.0 if alone.explained > NEARLY_ALL else HALF) * left
+    return alone.beyond < BEYOND and alone.after - 1.0 < (1.0 if alone.explained > NEARLY_ALL else HALF) * left
 
 
 def _unknown(found: Found) -> Unknown:
