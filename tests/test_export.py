@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import shutil
 import subprocess
+from pathlib import Path
 
 import casadi as ca
 import helpers
@@ -24,6 +25,7 @@ from controllers.export.pieces import tuned
 from controllers.export.recorded import hard_track, record
 from controllers.export.sources import ALL, NMPC, SERVO, template
 from controllers.tuning import Design
+from pneuid import api
 from pneuid.compiled import compiler
 from pneuid.errors import ComputationError, UserError
 from pneuid.model import nominal_model
@@ -313,3 +315,16 @@ def test_a_failed_export_leaves_nothing(tmp_path, monkeypatch, found):
 
 def test_help_shows_an_example():
     assert "--to c --out" in command.parser().format_help()
+
+
+def test_a_model_with_an_effect_of_ones_own_is_exported_where_its_file_is_named(tmp_path, monkeypatch):
+    file = tmp_path / "drag.py"
+    shown = (Path(__file__).parents[1] / "docs" / "own_effect.md").read_text(encoding="utf-8")
+    file.write_text(shown.split("```python\n")[1].split("```")[0], encoding="utf-8")
+    api.fit(helpers.rig(), helpers.train_runs()[:1], add=["drag_of_chain"], effect_files=[file]).save(tmp_path / "m.json")
+    monkeypatch.setattr(command, "tuned", lambda model, design: tuned(model, design, refined=False))
+    asked = [str(tmp_path / "m.json"), "--to", "c", "--out", str(tmp_path / "out")]
+    with pytest.raises(UserError, match=r"--effect-file drag\.py"):
+        command.main(asked)
+    command.main([*asked, "--effect-file", str(file)])
+    assert (tmp_path / "out" / "pneuid_nmpc.c").exists()

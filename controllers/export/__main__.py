@@ -18,7 +18,15 @@ from pneuid import api
 from pneuid.errors import UserError
 from pneuid.model import Model
 from pneuid.story import demo_runs
-from pneuid.terminal import DEMO_ROOT, CommandParser, Progress, add_output_options, result_folder, run_command
+from pneuid.terminal import (
+    DEMO_ROOT,
+    CommandParser,
+    Progress,
+    add_effect_file_option,
+    add_output_options,
+    result_folder,
+    run_command,
+)
 
 _EXAMPLE = """example:
   python -m controllers.export monday/model.json --to c --out monday_c
@@ -46,6 +54,7 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument(
         "--alpha", type=float, default=ALPHA, help=f"share of the friction model that is believed, 0 to 1 ({ALPHA})"
     )
+    add_effect_file_option(found)
     add_output_options(found)
     return found
 
@@ -56,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if not 0.0 <= given.alpha <= 1.0:
         raise UserError(f"--alpha {given.alpha:g}: must lie between 0 and 1")
     embedded = given.model is None
-    content = _demo_model() if embedded else api.load(given.model).content
+    content = _demo_model() if embedded else api.load(given.model, given.effect_file).content
     model = control_model(content)
     folder = result_folder(given.out, f"export_{given.to}", embedded, given.overwrite)
     try:
