@@ -150,9 +150,9 @@ class _Exact:
         self.started.append(outcome.X[0])
         return self.next()
 
-    def made_by_windows(self, _problem, _outcome, X, _monitor):
-        assert X == "break-away as in the guess"
-        self.started.append("windows")
+    def made_by_windows(self, _problem, outcome, X, _monitor):
+        assert X is outcome.X or X == "break-away as in the guess"
+        self.started.append("windows" if X is not outcome.X else "relaxed windows")
         return self.next()
 
     def next(self) -> SimpleNamespace | None:
@@ -191,7 +191,7 @@ class _Outcome:
 
 @pytest.mark.parametrize(
     ("misfits", "tried", "best"),
-    [((1.0,), 1, 1.0), ((None, 1.3, 1.01), 3, 1.01), ((1.3, None, None, None, 1.4), 5, 1.3), ((None,) * 5, 5, np.inf)],
+    [((1.0,), 1, 1.0), ((None, 1.3, 1.01), 3, 1.01), ((1.3, None, None, None, None, 1.4), 6, 1.3), ((None,) * 6, 6, np.inf)],
 )
 def test_it_is_started_again_until_only_noise_is_left_and_the_best_is_kept(monkeypatch, misfits, tried, best):
     exact = _Exact(monkeypatch, *misfits)
@@ -206,6 +206,9 @@ def test_windows_come_before_other_break_aways_and_first_where_the_simulation_is
     far = _Exact(monkeypatch, None, 1.0, near=False)
     far.end()
     assert far.started == ["windows", 1e5]
+    hopeless = _Exact(monkeypatch, *(None,) * 6, near=False)
+    hopeless.end()
+    assert hopeless.started[-1] == "relaxed windows", "from a break-away that led nowhere straight, last"
 
 
 @pytest.mark.parametrize(

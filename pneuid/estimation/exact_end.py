@@ -34,15 +34,18 @@ def exact_end(task: Task, problem: Shooting, soft: Relaxed, known: tuple[np.ndar
             return replace(end, hard=exact_again(problem, soft.outcome, *known, task.monitor))
         except KeyboardInterrupt:
             return replace(end, interrupted=True)
-    ways: list[Callable[[], Exact | None]] = [
-        partial(exact_by_windows, problem, soft.outcome, window_start(task, problem, soft), task.monitor)
+    # a break-away that the relaxed fit has found far off seldom leads anywhere: that of the data's own guess first
+    *fresh, relaxed_one = [
+        partial(exact_by_windows, problem, soft.outcome, X, task.monitor) for X in window_starts(task, problem, soft)
     ]
+    ways: list[Callable[[], Exact | None]] = [*fresh]
     # straight first where that may well lead there, for it takes a tenth of the time
     ways.insert(0 if within_reach(problem, soft.outcome) else 1, partial(exact_stage, problem, soft.outcome, task.monitor))
     relaxed = values_at(problem, soft.outcome.X)
     for other in break_aways(problem.plant, relaxed):
         X = np.concatenate([inside(problem, relaxed | other), soft.outcome.X[problem.nq :]])
         ways.append(partial(exact_stage, problem, replace(soft.outcome, X=X), task.monitor))
+    ways.append(relaxed_one)
     for way in ways:
         end = better(end, _sharp(task, end, way))
         if end.interrupted or not end.doubtful:
@@ -50,12 +53,9 @@ def exact_end(task: Task, problem: Shooting, soft: Relaxed, known: tuple[np.ndar
     return end
 
 
-def window_start(task: Task, problem: Shooting, soft: Relaxed) -> np.ndarray:
-    """Start of windows that merge, in the variables of ``problem``: the relaxed fit with the guess's break-away.
-
-    On eleven random rigs whose windows lead to the exact fit they do from there, and on neither of two from the relaxed one.
-    """
-    return next(iter(task.fresh_starts(problem, soft.outcome.X)), soft.outcome.X)
+def window_starts(task: Task, problem: Shooting, soft: Relaxed) -> list[np.ndarray]:
+    """Starts of windows that merge, in the variables of ``problem``, the likeliest first; the last is the relaxed fit."""
+    return [*task.fresh_starts(problem, soft.outcome.X), soft.outcome.X]
 
 
 def _sharp(task: Task, end: End, way: Callable[[], Exact | None]) -> End:

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from pneuid.errors import UserError
-from pneuid.estimation.exact_end import better, exact_end, window_start
+from pneuid.estimation.exact_end import better, exact_end, window_starts
 from pneuid.estimation.first_guess import follows_state
 from pneuid.estimation.preparation import Run, noise_of, prepare
 from pneuid.estimation.shooting import TIGHT, Shooting
@@ -188,7 +188,7 @@ def _sharpened(part: Task, problem: Shooting, soft: Relaxed, samples: int) -> Ex
     """The exact fit of sections of a record of so many ``samples``, where the relaxed one came near enough."""
     if not End(problem, soft).near:
         return None
-    return sharpened(problem, soft.outcome, window_start(part, problem, soft), samples, part.monitor)
+    return sharpened(problem, soft.outcome, window_starts(part, problem, soft), samples, part.monitor)
 
 
 def _from_sections(task: Task, problem: Shooting, soft: Relaxed, sharp: Exact | None) -> End:

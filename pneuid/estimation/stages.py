@@ -7,7 +7,7 @@ beside the standard errors.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -219,19 +219,19 @@ def exact_from(hard: Exact, nodes: np.ndarray, monitor: Monitor | None) -> Exact
 
 
 def sharpened(
-    problem: Shooting, soft: Outcome, start: np.ndarray, samples: int, monitor: Monitor | None
+    problem: Shooting, soft: Outcome, starts: Sequence[np.ndarray], samples: int, monitor: Monitor | None
 ) -> Exact | None:
     """The exact fit of a part of a record of so many ``samples``, at the time step which the whole of it will ask for.
 
-    start : of windows that merge, variables of ``problem``. None where no continuous path comes near. Raises
-    ``KeyboardInterrupt`` where it is stopped.
+    ``starts`` (variables of ``problem``) of windows that merge, the likeliest first; None where no continuous path comes near.
+    Raises ``KeyboardInterrupt`` where it is stopped.
     """
     coarse = _like(problem, soft.X, problem.substeps)
     relaxed = soft.cost + soft.penalty
     path = _straight(coarse, soft, monitor, NEAR) if within_reach(problem, soft) else None
     if path is None or path.cost > NO_DOUBT * relaxed:
         limit = NEAR_RELAXED * relaxed if path is None else path.cost
-        path = grown(coarse, start, limit, monitor, NEAR) or path
+        path = next((found for X in starts if (found := grown(coarse, X, limit, monitor, NEAR)) is not None), path)
     if path is None:
         return None
     spread = uncertainty(coarse, path.X)

@@ -74,9 +74,9 @@ addEventListener("resize", async () => {
 class Page:
     """One window on the shared state; ``memory`` holds its own choices, ``ticks`` what its view refreshes in place."""
 
-    def __init__(self, bench: Workbench) -> None:
+    def __init__(self, bench: Workbench, view: str) -> None:
         self.bench = bench
-        self.view = "data"
+        self.view = view if view in VIEWS else next(iter(VIEWS))
         self.memory: dict[str, Any] = {}
         self.ticks: list[Callable[[], None]] = []
         self.again: Callable[[], None] | None = None
@@ -140,6 +140,9 @@ class Page:
         if view == self.view and self.again is not None:
             self.again()
             return
+        if view != self.view:
+            # a window that is loaded anew, after a lost connection or by hand, opens where it was
+            ui.run_javascript(f"history.replaceState(null, '', '?view={view}')")
         self.view = view
         self.ticks.clear()
         self.again = None

@@ -37,8 +37,8 @@ def serve(bench: Workbench, port: int, browser: bool) -> None:
     address = f"http://{HOST}:{port}"
 
     @ui.page("/", title=f"pneuid workbench: {bench.project.folder.name}")
-    def index() -> None:
-        Page(bench)
+    def index(view: str = "") -> None:
+        Page(bench, view)
 
     def started() -> None:
         bench.open()
