@@ -50,6 +50,7 @@ def test_the_data_are_seen_and_a_key_changes_the_view(window):
     window.wait(lambda: window.text("runs").count("3 000 samples") == 5, 60, "the other runs")
     window.driver.find_element(TAG, "body").send_keys("5")
     window.wait(lambda: "No rung yet" in window.driver.find_element(TAG, "body").text, what="the ladder by key 5")
+    window.wait(lambda: window.driver.current_url.endswith("?view=ladder"), what="the address")
     window.driver.refresh()  # as after a lost connection
     window.wait(lambda: "No rung yet" in window.driver.find_element(TAG, "body").text, what="the ladder, loaded anew")
     window.quiet()

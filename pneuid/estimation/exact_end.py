@@ -35,17 +35,17 @@ def exact_end(task: Task, problem: Shooting, soft: Relaxed, known: tuple[np.ndar
         except KeyboardInterrupt:
             return replace(end, interrupted=True)
     # a break-away that the relaxed fit has found far off seldom leads anywhere: that of the data's own guess first
-    *fresh, relaxed_one = [
+    *fresh, last = [
         partial(exact_by_windows, problem, soft.outcome, X, task.monitor) for X in window_starts(task, problem, soft)
     ]
-    ways: list[Callable[[], Exact | None]] = [*fresh]
-    # straight first where that may well lead there, for it takes a tenth of the time
-    ways.insert(0 if within_reach(problem, soft.outcome) else 1, partial(exact_stage, problem, soft.outcome, task.monitor))
+    straight, others = partial(exact_stage, problem, soft.outcome, task.monitor), []
     relaxed = values_at(problem, soft.outcome.X)
     for other in break_aways(problem.plant, relaxed):
         X = np.concatenate([inside(problem, relaxed | other), soft.outcome.X[problem.nq :]])
-        ways.append(partial(exact_stage, problem, replace(soft.outcome, X=X), task.monitor))
-    ways.append(relaxed_one)
+        others.append(partial(exact_stage, problem, replace(soft.outcome, X=X), task.monitor))
+    # straight first where that may well lead there, for it takes a tenth of the time
+    first = [straight, *fresh] if within_reach(problem, soft.outcome) else [*fresh, straight]
+    ways: list[Callable[[], Exact | None]] = [*first, *others, last]
     for way in ways:
         end = better(end, _sharp(task, end, way))
         if end.interrupted or not end.doubtful:
