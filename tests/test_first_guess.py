@@ -14,10 +14,10 @@ from controllers.measure import rig_of
 from controllers.nominal import nominal_model
 from pneuid.effects import CATALOGUE, effects_by_name
 from pneuid.estimation import fit as fitting
-from pneuid.estimation import sliding
+from pneuid.estimation import reread, sliding
 from pneuid.estimation.first_guess import first_guess, first_nodes, follows_state, motions
 from pneuid.estimation.preparation import data_ranges, noise_of, prepare
-from pneuid.estimation.shooting import Shooting, relaxed_smoothing
+from pneuid.estimation.shooting import TIGHT, Shooting, relaxed_smoothing
 from pneuid.estimation.sliding import sliding_laws
 from pneuid.estimation.solver import INTERRUPTED
 from pneuid.estimation.starts import from_sliding
@@ -111,7 +111,7 @@ class Stub:
 
     loose_cost: float
     level: float = 2.0
-    relaxation: float = fitting.TIGHT
+    relaxation: float = TIGHT
     status: str = "Solve_Succeeded"
     X: float = 0.0
 
@@ -141,9 +141,9 @@ def test_the_bristle_is_read_again_while_that_helps(ends, taken, tried, monkeypa
         end = next(later)
         return end, end
 
-    monkeypatch.setattr(fitting, "relaxed_fit", relaxed)
-    monkeypatch.setattr(fitting, "values_at", lambda problem, _X: {"Fc": problem.loose_cost})
-    _, soft = fitting._reread(Task(plant, [], (), {}, None), (first, first))
+    monkeypatch.setattr(reread, "relaxed_fit", relaxed)
+    monkeypatch.setattr(reread, "values_at", lambda problem, _X: {"Fc": problem.loose_cost})
+    _, soft = reread.reread(Task(plant, [], (), {}, None), (first, first))
     assert soft.loose_cost == taken
     assert asked == [{"Fc": end.loose_cost} for end in ends[:tried]]
 

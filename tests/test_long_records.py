@@ -10,8 +10,7 @@ import pytest
 from helpers import BENCH, SERVO, TRUTH, rig, servo_run
 from scipy.interpolate import make_smoothing_spline
 
-from pneuid.estimation import fit as fitting
-from pneuid.estimation import solver, thinning
+from pneuid.estimation import by_sections, solver, thinning
 from pneuid.estimation.chained import Chained
 from pneuid.estimation.differentiate import spline_motion
 from pneuid.estimation.first_guess import first_nodes, motions
@@ -22,6 +21,7 @@ from pneuid.estimation.refined import Refined
 from pneuid.estimation.shooting import TIGHT, Shooting
 from pneuid.estimation.solver import Outcome
 from pneuid.estimation.stages import Exact, Relaxed, loose_cost
+from pneuid.estimation.task import Task, values_at
 from pneuid.estimation.thinning import LONG, section, sections
 from pneuid.plant import Plant
 from pneuid.recording import Recording
@@ -133,7 +133,7 @@ def test_a_path_close_to_its_optimum_ends_a_step_further_without_slopes_there(aw
 
 def test_sections_that_end_badly_are_forgotten(monkeypatch):
     stand = rig()
-    monkeypatch.setattr(fitting, "sharpened", lambda *_: None)
+    monkeypatch.setattr(by_sections, "sharpened", lambda *_: None)
     monkeypatch.setattr(thinning, "LONG", 9000)
     monkeypatch.setattr(thinning, "ENOUGH", 4000)
     runs = [servo_run(kind, bar, 5 + bar) for kind, bar in (("multisine", 5), ("steps", 7), ("slow", 3))]
@@ -158,6 +158,33 @@ def test_a_fit_stopped_in_its_sections_hands_back_the_whole_record(stage, monkey
     best = stopped.value.best
     assert best.problem.total_samples == 9000 and best.stage == "relaxed" and best.status.startswith("interrupted")
     assert all(np.isfinite(value) for value in best.values.values())
+
+
+@pytest.mark.parametrize(("stage", "ended"), [("continuous", "relaxed"), ("relaxed", "exact")])
+def test_a_fit_stopped_on_the_whole_record_keeps_what_its_sections_found(stage, ended, monkeypatch):
+    monkeypatch.setattr(thinning, "LONG", 9000)
+    monkeypatch.setattr(thinning, "ENOUGH", 4000)
+    known: list[dict[str, float]] = []
+    whole = by_sections._whole
+
+    def from_here(task: Task, problem: Shooting, soft: Relaxed, sharp: Exact) -> object:
+        known.append(values_at(sharp.problem, sharp.outcome.X))
+        return whole(task, problem, soft, sharp)
+
+    def stop(now: str, iteration: int, _cost: float) -> None:
+        if known and now == stage and iteration > 1:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(by_sections, "_whole", from_here)
+    runs = [servo_run(kind, bar, 5 + bar) for kind, bar in (("multisine", 5), ("steps", 7), ("slow", 3))]
+    with pytest.raises(Interrupted) as stopped:
+        fit(Plant(rig(), "lugre"), runs, monitor=stop)
+    best = stopped.value.best
+    assert best.stage == ended and best.problem.total_samples == 9000 and best.status.startswith("interrupted")
+    if ended == "relaxed":
+        assert {name: best.values[name] for name in known[0]} == pytest.approx(known[0])
+    else:
+        assert best.values["Fc"] == pytest.approx(TRUTH["Fc"], rel=0.01)
 
 
 # --- sections ---
@@ -225,7 +252,7 @@ def test_a_short_record_has_no_sections():
 
 
 def _values(runs: list[Run]) -> dict[str, float]:
-    return fitting.Task(Plant(rig(), "lugre"), [], tuple(runs), {}, None).guess() | TRUTH
+    return Task(Plant(rig(), "lugre"), [], tuple(runs), {}, None).guess() | TRUTH
 
 
 def _ranges() -> dict[str, float]:
@@ -290,7 +317,7 @@ def test_the_whole_starts_from_the_parameters_of_its_sections_and_the_states_tha
     X, known = (problem.scaling.lower.mean() + rng.uniform(size=problem.size) for problem in (whole, part))
     X[:2], known[:2] = (whole.scaling.to_q(np.array(q)) for q in ((9.0, 1e-8), (12.0, 1.2e-8)))
     outcome = Outcome(known, 0.0, 0.0, "done", True, 0, 0.0)
-    started = fitting._starting(whole, X, Exact(outcome, part, None))
+    started = by_sections._starting(whole, X, Exact(outcome, part, None))
     q, nodes = whole.split(started)
     assert whole.scaling.to_values(q) == pytest.approx([12.0, 1.2e-8])
     first = {(one.name, one.t[0]): at for one, at in zip(few, part.first[:-1], strict=True)}

@@ -83,7 +83,7 @@ def test_a_law_without_break_away_has_no_other_start_but_its_own_end():
 
 def test_the_exact_stage_is_spared_where_another_start_ended_no_better(monkeypatch):
     ends, tried = _Ends(monkeypatch, 998.0, 700.0, near=True), []
-    monkeypatch.setattr(fitting, "_reread", lambda _task, found: found)
+    monkeypatch.setattr(fitting, "reread", lambda _task, found: found)
     monkeypatch.setattr(fitting, "sliding_starts", lambda *_: [])
     monkeypatch.setattr(fitting, "exact_end", lambda _task, _problem, soft: tried.append(soft.loose_cost))
     before = [End(*ends.end(1000.0))]
@@ -109,7 +109,7 @@ def test_the_costlier_start_from_sliding_goes_to_the_exact_stage_where_the_cheap
         return End(problem, soft, hard)
 
     monkeypatch.setattr(fitting, "_by_sliding", lambda *_: [ends.end(700.0), ends.end(900.0)])
-    monkeypatch.setattr(fitting, "_reread", lambda _task, found: found)
+    monkeypatch.setattr(fitting, "reread", lambda _task, found: found)
     monkeypatch.setattr(fitting, "exact_end", made)
     assert fitting._end(TASK, {}, True, []).misfit == kept
     assert len(misfits) - len(coming) == tried

@@ -14,7 +14,6 @@ from pneuid.estimation.stages import (
     End,
     Exact,
     Relaxed,
-    exact_again,
     exact_by_windows,
     exact_from,
     exact_stage,
@@ -24,16 +23,11 @@ from pneuid.estimation.starts import break_aways
 from pneuid.estimation.task import Task, inside, values_at
 
 
-def exact_end(task: Task, problem: Shooting, soft: Relaxed, known: tuple[np.ndarray, int] | None = None) -> End:
-    """The exact stage, where the relaxed one came near enough; shorter where parameters and time step are ``known``."""
+def exact_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
+    """The exact stage, where the relaxed one came near enough."""
     end = End(problem, soft, interrupted=soft.outcome.status == INTERRUPTED)
     if end.interrupted or not end.near:
         return end
-    if known is not None:
-        try:
-            return replace(end, hard=exact_again(problem, soft.outcome, *known, task.monitor))
-        except KeyboardInterrupt:
-            return replace(end, interrupted=True)
     # a break-away that the relaxed fit has found far off seldom leads anywhere: that of the data's own guess first
     *fresh, last = [
         partial(exact_by_windows, problem, soft.outcome, X, task.monitor) for X in window_starts(task, problem, soft)

@@ -10,12 +10,13 @@ from functools import cached_property
 import numpy as np
 
 from pneuid.errors import UserError
-from pneuid.estimation.exact_end import better, exact_end, window_starts
-from pneuid.estimation.first_guess import follows_state
+from pneuid.estimation.by_sections import by_sections
+from pneuid.estimation.exact_end import better, exact_end
 from pneuid.estimation.preparation import Run, noise_of, prepare
+from pneuid.estimation.reread import reread
 from pneuid.estimation.shooting import TIGHT, Shooting
 from pneuid.estimation.sliding import sliding_starts
-from pneuid.estimation.solver import INTERRUPTED, ROUGHLY, Monitor, Outcome
+from pneuid.estimation.solver import INTERRUPTED, Monitor, Outcome
 from pneuid.estimation.stages import (
     DEFECT_GATE,
     MISFIT,
@@ -23,22 +24,12 @@ from pneuid.estimation.stages import (
     Exact,
     Relaxed,
     loose_cost,
-    relaxed_again,
-    sharpened,
-    unsolved,
 )
 from pneuid.estimation.starts import from_far, from_near, softer
-from pneuid.estimation.task import Task, inside, relaxed_fit, values_at
-from pneuid.estimation.thinning import sections
+from pneuid.estimation.task import Task, relaxed_fit, values_at
 from pneuid.estimation.uncertainty import Uncertainty, verdicts
 from pneuid.plant import Plant
 from pneuid.recording import Recording
-
-DRAWS = 2
-"""Times at most that sections are drawn from a long record: now and then a slip of one ends in the wrong place."""
-
-REREADS = 2
-"""Times at most that the bristle is read again at the friction laws found."""
 
 SURE = 5.0
 """Half the sum of squares by which another start's end must be better: 3 standard deviations of a parameter."""
@@ -48,9 +39,6 @@ BEYOND_CHANCE = (
     "noise stated too low) may shift parameters by more than their standard errors"
 )
 """Of 112 exact fits to random rigs seven have a parameter more than four standard errors off, six of them such a residual."""
-
-REREAD_GAIN = 0.01
-"""Relative fall of the relaxed cost that makes another reading worth it."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +139,7 @@ def fit(
 def _ends(task: Task, start: Mapping[str, float], exact: bool) -> list[End]:
     """Where one start after the other leads, until one is settled."""
     ends = []
-    if exact and (known := _by_sections(task, start)) is not None:
+    if exact and (known := by_sections(task, start)) is not None:
         ends.append(known)
         if known.interrupted or known.settled:
             return ends
@@ -162,59 +150,6 @@ def _ends(task: Task, start: Mapping[str, float], exact: bool) -> list[End]:
     return ends
 
 
-def _by_sections(task: Task, start: Mapping[str, float]) -> End | None:
-    """A long record fitted from where its sections lead; None for a short one, and where that is no exact fit."""
-    for turn in range(DRAWS):
-        few = sections(task.runs, turn)
-        if not few:
-            return None
-        part = replace(task, runs=few, known={}, loosely=ROUGHLY)
-        problem, soft = _reread(part, relaxed_fit(part, start))
-        if soft.outcome.status == INTERRUPTED:
-            return _from_sections(task, problem, soft, None)
-        if problem.relaxation != TIGHT:
-            return None  # other sections will not make a wrong model right
-        try:
-            sharp = _sharpened(part, problem, soft, sum(run.n for run in task.runs))
-        except KeyboardInterrupt:
-            return _from_sections(task, problem, soft, None)
-        if sharp is not None:
-            end = _from_sections(task, problem, soft, sharp)
-            return end if end.interrupted or end.hard is not None else None
-    return None
-
-
-def _sharpened(part: Task, problem: Shooting, soft: Relaxed, samples: int) -> Exact | None:
-    """The exact fit of sections of a record of so many ``samples``, where the relaxed one came near enough."""
-    if not End(problem, soft).near:
-        return None
-    return sharpened(problem, soft.outcome, window_starts(part, problem, soft), samples, part.monitor)
-
-
-def _from_sections(task: Task, problem: Shooting, soft: Relaxed, sharp: Exact | None) -> End:
-    """The whole record from the relaxed and the exact fit of its sections; unsolved where they were stopped before."""
-    values = task.guess() | values_at(problem, soft.outcome.X)
-    whole = task.problem(values, max(problem.substeps, task.substeps(values)))
-    X = whole.join(inside(whole, values), task.nodes(values, whole.samples))
-    if sharp is None:
-        return End(whole, unsolved(whole, X), interrupted=True)
-    again = relaxed_again(whole, X, task.monitor)
-    known = _starting(whole, again.outcome.X, sharp)
-    return exact_end(task, whole, again, (known, max(sharp.problem.substeps, whole.substeps)))
-
-
-def _starting(whole: Shooting, X: np.ndarray, sharp: Exact) -> np.ndarray:
-    """``X`` of the ``whole`` record with parameters of its sections' exact fit, and first states of those that begin a run."""
-    part = sharp.problem
-    q, nodes = whole.split(X)
-    values, (_, known) = values_at(part, sharp.outcome.X), part.split(sharp.outcome.X)
-    for run, first in zip(whole.runs, whole.first[:-1], strict=True):
-        for one, at in zip(part.runs, part.first[:-1], strict=True):
-            if one.name == run.name and one.t[0] == run.t[0]:
-                nodes[:, first] = known[:, at]
-    return whole.join(inside(whole, values_at(whole, q) | values), nodes)
-
-
 def _end(task: Task, start: Mapping[str, float], exact: bool, before: Sequence[End]) -> End:
     """Where one start leads: the data's own guess (empty) by a detour too, where it does not lead to an exact fit.
 
@@ -222,7 +157,7 @@ def _end(task: Task, start: Mapping[str, float], exact: bool, before: Sequence[E
     """
     found, *others = (_by_sliding(task, start) if exact else []) or [relaxed_fit(task, start)]
     if exact:
-        found = _reread(task, found)
+        found = reread(task, found)
     exact = exact and all(_cheaper(found, (end.problem, end.soft)) for end in before)
     end = exact_end(task, *found) if exact else End(*found)
     for other in others if exact else ():
@@ -236,26 +171,6 @@ def _end(task: Task, start: Mapping[str, float], exact: bool, before: Sequence[E
     if other is found:
         return end
     return exact_end(task, *other) if exact else End(*other)
-
-
-def _reread(task: Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Relaxed]:
-    """The relaxed fit again with the bristle read at the friction laws just found, until it is near or no longer comes down.
-
-    Laws start at zero, so the first bristle is that of no pressure: a stick under another one then breaks away in the wrong
-    interval, and no step leads out of that.
-    """
-    if not follows_state(task.plant):
-        return found
-    for _ in range(REREADS):
-        problem, soft = found
-        if soft.outcome.status == INTERRUPTED or End(problem, soft).near:
-            break
-        again = relaxed_fit(task, values_at(problem, soft.outcome.X))
-        interrupted = again[1].outcome.status == INTERRUPTED
-        if not (interrupted or End(*again).near or End(*again).loose_cost < (1.0 - REREAD_GAIN) * End(*found).loose_cost):
-            break
-        found = again
-    return found
 
 
 def _by_sliding(task: Task, start: Mapping[str, float]) -> list[tuple[Shooting, Relaxed]]:

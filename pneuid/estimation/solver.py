@@ -332,10 +332,8 @@ def _solve(
     stats = solver.stats()
     X = np.asarray(found["x"]).ravel()
     status = evaluator.stopped or str(stats["return_status"])
-    value = evaluator.value(X)[0] if np.all(np.isfinite(X)) else np.nan
-    if relaxed and evaluator.best is not None and not (np.isfinite(value) and value <= evaluator.best[0] * (1 + 1e-9)):
+    if relaxed and evaluator.best is not None:
         X = evaluator.best[1]
-        value = evaluator.value(X)[0]
     if not relaxed and status == "Settled" and evaluator.feasible is not None:
         X = evaluator.feasible[1]
     end, data_cost = problem.evaluate_values(X)
@@ -355,8 +353,8 @@ def solve_relaxed(
 
 
 def solve_relaxed_again(problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None) -> Outcome:
-    """The same from parameters that are all but right."""
-    return _solve(problem, X0, True, "relaxed", Settling(SETTLED_GAIN, SETTLED_AGAIN), _ROUGH, monitor)
+    """The same from parameters and a path that are all but right, where what is left to do is the nodes' part."""
+    return _solve(problem, X0, True, "relaxed", Settling(0.5 * SETTLED_GAIN, 1), _ROUGH, monitor)
 
 
 def solve_chained(

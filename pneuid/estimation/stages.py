@@ -239,23 +239,27 @@ def sharpened(
     wanted = _accurate_substeps(coarse, path.X, expected)
     if wanted == coarse.substeps:
         return Exact(path, coarse, spread)
-    fine = _like(problem, path.X, wanted)
-    return Exact(walked(Chained(fine), path.X, monitor, NEAR), fine, spread)
+    fine, slopes = _like(problem, path.X, wanted), _like(problem, path.X, max(problem.substeps, wanted // COARSER))
+    return Exact(walked(Refined(fine, slopes), path.X, monitor, NEAR), fine, spread)
 
 
-def exact_again(problem: Shooting, soft: Outcome, X: np.ndarray, substeps: int, monitor: Monitor | None) -> Exact | None:
+def exact_again(
+    problem: Shooting, expected: float, X: np.ndarray, substeps: int, monitor: Monitor | None
+) -> Exact | None:
     """The exact fit from parameters and first states ``X`` that are all but right already.
 
-    None where its path does not come near the relaxed fit. Raises ``KeyboardInterrupt`` where it is stopped.
+    None where the path from there is far from what was measured, or the fit's cost from what the relaxed one is ``expected``
+    to have. Raises ``KeyboardInterrupt`` where it is stopped.
     """
     slopes = _like(problem, X, max(problem.substeps, substeps // COARSER))
     fine = _like(problem, X, substeps) if substeps > slopes.substeps else slopes
-    if not within_reach(fine, replace(soft, X=X)):
+    whole = Chained(fine) if fine is slopes else Refined(fine, slopes)
+    if not _reaches(whole, X, expected):
         return None
-    found = walked(Chained(fine) if fine is slopes else Refined(fine, slopes), X, monitor)
+    found = walked(whole, X, monitor)
     if found.status != CONVERGED and fine is not slopes:
         found = walked(Chained(fine), found.X, monitor)  # with slopes that are a little off the last steps may not go down
-    if not found.cost < NEAR_RELAXED * (soft.cost + soft.penalty):
+    if not found.cost < NEAR_RELAXED * expected:
         return None
     return Exact(found, fine, uncertainty(slopes, found.X))
 
@@ -307,8 +311,11 @@ def _straight(
 
 def within_reach(problem: Shooting, soft: Outcome) -> bool:
     """Whether the simulation from the relaxed nodes is near enough to what was measured for a path straight from there."""
-    whole = Chained(_like(problem, soft.X, problem.substeps))
-    return whole.evaluate_values(whole.from_base(soft.X))[1] < REACH * (soft.cost + soft.penalty)
+    return _reaches(Chained(_like(problem, soft.X, problem.substeps)), soft.X, soft.cost + soft.penalty)
+
+
+def _reaches(whole: Chained, X: np.ndarray, relaxed: float) -> bool:
+    return whole.evaluate_values(whole.from_base(X))[1] < REACH * relaxed
 
 
 def _accurate_substeps(problem: Shooting, X: np.ndarray, spread: Uncertainty) -> int:
