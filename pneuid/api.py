@@ -192,7 +192,8 @@ def refitted(model: IdentifiedModel, runs: Sequence[Recording], monitor: Monitor
     """The fit behind a model, made again from its own values where the model came from a file."""
     if model.fitted is not None:
         return model.fitted
-    return estimate(model.content.plant, runs, model.values, model.content.noise or None, monitor, exact=False)
+    found = estimate(model.content.plant, runs, model.values, model.content.noise or None, monitor, exact=False)
+    return replace(found, lacking=model.content.fit.lacking)
 
 
 def diagnose(

@@ -44,7 +44,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class FitSummary:
-    """How the fit ended, as in model.json."""
+    """How the fit ended, as in model.json; lacking : whether it showed that no parameters of the model follow the data."""
 
     stage: str
     converged: bool
@@ -53,6 +53,7 @@ class FitSummary:
     solver: str
     iterations: int
     seconds: float
+    lacking: bool = False
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,8 @@ def model_of(fit: Fit, name: str, hold_out: Sequence[Recording] = (), parent: st
         for item, std in zip(every, stds, strict=True)
     )  # fmt: skip
     summary = FitSummary(
-        fit.stage, fit.converged, fit.status, fit.cost_per_sample, "ipopt", fit.iterations, round(fit.seconds, 3)
+        fit.stage, fit.converged, fit.status, fit.cost_per_sample, "ipopt", fit.iterations, round(fit.seconds, 3),
+        fit.lacking,
     )
     data = tuple(
         DataFile(run.file or run.name, run.sha256, run.n, role)

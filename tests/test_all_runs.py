@@ -244,3 +244,13 @@ def test_what_does_not_explain_the_training_runs_is_not_excused_by_what_they_lea
     by = judge()
     by.fits = lambda _: trained
     assert explained_away(BASE, by) == excused
+
+
+def test_what_training_runs_leave_open_that_the_model_cannot_follow_is_no_excuse(monkeypatch):
+    monkeypatch.setattr(walk, "loudest", lambda _: 1.2)
+    far, small = (stub(error, 1e4) for error in (9.0, 1.01))
+    for trial in (far, small):
+        trial.fit.lacking = True
+    by = judge()
+    by.explains, by.fits = lambda _: True, lambda _: 4.0
+    assert not explained_away(far, by) and explained_away(small, by)

@@ -461,7 +461,7 @@ def test_model_json_is_as_the_contract_says(result, effects, story):
         assert item["verdict"] in VERDICTS
         assert item["std"] is None if model["fit"]["stage"] == "relaxed" else number(item["std"])
     fit = model["fit"]
-    assert set(fit) == {"stage", "converged", "status", "cost_per_sample", "solver", "iterations", "seconds"}
+    assert set(fit) == {"stage", "converged", "status", "cost_per_sample", "solver", "iterations", "seconds", "lacking"}
     assert fit["stage"] in ("exact", "relaxed")
     assert isinstance(fit["converged"], bool)
     assert isinstance(fit["status"], str)

@@ -50,3 +50,13 @@ def test_a_model_far_off_at_break_away_that_has_no_exact_fit_is_not_adequate(exa
     found = decision._nothing_named(walk, ["so far"], (), slow=False, adequate=False)
     assert found.verdict == said and found.sentences[0] == "so far"
     assert (decision.AT_BREAK_AWAY in found.sentences) == (said == "unknown")
+
+
+@pytest.mark.parametrize(("after", "said"), [(9.0, "unknown"), (1.01, "adequate")])
+def test_a_model_that_cannot_follow_its_training_runs_is_not_adequate(after, said, monkeypatch):
+    monkeypatch.setattr(decision, "loudest", lambda _: 1.2)
+    current = stub(after, 1e4)
+    current.fit.exact, current.fit.lacking = SimpleNamespace(), True
+    walk = SimpleNamespace(current=current, judge=JUDGE, lacking=None)
+    found = decision._nothing_named(walk, ["so far"], (), slow=False, adequate=True)
+    assert found.verdict == said and (decision.CANNOT_FOLLOW in found.sentences) == (said == "unknown")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pneuid.estimation import growing
-from pneuid.estimation.growing import ACROSS, SAMPLES, grown
+from pneuid.estimation.growing import ACROSS, SAMPLES, Grown, agree, grown
 from pneuid.estimation.preparation import noise_of, prepare
 from pneuid.estimation.solver import INTERRUPTED, Outcome
 from pneuid.estimation.stages import exact_by_windows, exact_stage
@@ -47,7 +47,7 @@ def problem(samples: int = SAMPLES) -> SimpleNamespace:
 def test_windows_double_where_the_simulation_stays_near_and_never_cross_a_stretch(monkeypatch):
     windows = _Windows(monkeypatch)
     found = grown(problem(), "a", 2.0, None)
-    assert found is not None and found.X == "a"
+    assert found.path is not None and found.path.X == "a" and found.costs == (1.0,) * 5
     assert windows.cuts[-1] == [], "one simulation per stretch at the end: the stretches begin anew without a cut"
     assert windows.cuts[0] == [1, 3, 5, 7, 9, 11, 13, 15, 17, *range(21, 64, 2)]
     for cuts, later in itertools.pairwise(windows.cuts):
@@ -68,7 +68,7 @@ def test_windows_apart_where_the_simulation_misses_wait_until_no_others_merge(mo
 
 def test_of_a_path_that_no_longer_exists_all_cuts_go_at_last(monkeypatch):
     windows = _Windows(monkeypatch, bad={30: np.inf, 8: np.nan})
-    assert grown(problem(), "a", 2.0, None) is not None
+    assert grown(problem(), "a", 2.0, None).path is not None
     assert windows.cuts[-2] == [7, 29] and windows.cuts[-1] == []
 
 
@@ -82,8 +82,29 @@ def test_the_first_windows_have_samples_enough(monkeypatch):
 def test_it_gives_up_where_windows_end_far_above_the_limit_or_the_path_above_it(monkeypatch, at, cost, walks):
     windows = _Windows(monkeypatch, lambda n: cost if n == at else 1.0)
     found = grown(problem(), "a", 2.0, None)
-    assert (found is None) == (cost != 5.9)
-    assert len(windows.cuts) == walks
+    assert (found.path is None) == (cost != 5.9)
+    assert len(windows.cuts) == walks and len(found.costs) == min(walks, 5)
+
+
+PATH = Outcome(np.zeros(1), 1.0, 0.0, "", True, 1, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        ((100.0, 103.0, 130.0, 900.0), (101.0, 104.0, 128.0, 300.0), True),
+        ((100.0, 103.0, 130.0), (101.0, 104.0, 160.0), False),
+        ((100.0, 103.0, 130.0), (101.0, 103.0), False),
+        ((100.0, 104.0, 104.0), (101.0, 103.0, 103.0), False),
+        ((100.0, 104.0, np.inf), (101.0, 103.0, np.inf), False),
+        ((100.0, 900.0, 130.0), (101.0, 104.0, 131.0), True),
+        ((), (100.0, 130.0), False),
+    ],
+)
+def test_two_starts_agree_where_windows_that_begin_to_cost_more_cost_the_same(one, other, same):
+    assert agree(Grown(None, one), Grown(None, other)) is same
+    assert agree(Grown(None, other), Grown(None, one)) is same
+    assert not agree(Grown(PATH, one), Grown(None, other)), "a start that led to a path shows nothing lacking"
 
 
 def test_stopped_it_says_so(monkeypatch):
@@ -119,8 +140,8 @@ def sticking():
 def test_they_lead_from_a_break_away_that_is_far_off_to_the_right_one(sticking):
     task, shooting, soft, true = sticking
     (start,) = task.fresh_starts(shooting, soft.X)
-    found = exact_by_windows(shooting, soft, start, None)
-    assert found is not None
+    found, windows = exact_by_windows(shooting, soft, start, None)
+    assert found is not None and windows.path is not None
     values = values_at(found.problem, found.outcome.X)
     for name, std in zip(found.problem.free, found.spread.std, strict=True):
         if hasattr(true, name):

@@ -74,7 +74,7 @@ def test_the_file_holds_what_the_contract_says():
         assert set(item) == {"name", "unit", "value", "std", "lower", "upper", "start", "effect", "run", "verdict"}
         assert item["std"] > 0.0 and item["lower"] < item["value"] < item["upper"]
         assert item["verdict"] in ("well determined", "weakly determined", "on its bound", "not visible")
-    assert set(raw["fit"]) == {"stage", "converged", "status", "cost_per_sample", "solver", "iterations", "seconds"}
+    assert set(raw["fit"]) == {"stage", "converged", "status", "cost_per_sample", "solver", "iterations", "seconds", "lacking"}
     assert raw["fit"]["stage"] == "exact" and raw["fit"]["solver"] == "ipopt"
     assert [item["role"] for item in raw["data"]] == ["train", "train", "hold_out"]
     assert all(len(item["sha256"]) == 64 and item["samples"] == 3000 for item in raw["data"])

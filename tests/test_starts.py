@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +12,9 @@ import pytest
 from pneuid.estimation import exact_end
 from pneuid.estimation import fit as fitting
 from pneuid.estimation.first_guess import BREAK_AWAY
+from pneuid.estimation.growing import Grown
 from pneuid.estimation.shooting import TIGHT
+from pneuid.estimation.solver import Outcome
 from pneuid.estimation.stages import End, Relaxed
 from pneuid.estimation.starts import break_aways, from_near, softer
 from pneuid.estimation.task import Task
@@ -137,7 +139,11 @@ class _Exact:
     """Exact stages with scripted misfits, None where none is found, in place of solved ones; ``anew`` those of the same
     parameters with first states read anew, where they differ."""
 
-    def __init__(self, monkeypatch, *misfits: float | None, anew: tuple[float | None, ...] = (), near: bool = True) -> None:
+    def __init__(
+        self, monkeypatch, *misfits: float | None, anew: tuple[float | None, ...] = (), near: bool = True,
+        costs: tuple[tuple[float, ...], ...] = (),
+    ) -> None:  # fmt: skip
+        self.costs = list(costs)
         self.misfits, self.anew, self.started = list(misfits), list(anew), []
         monkeypatch.setattr(exact_end, "within_reach", lambda *_: near)
         monkeypatch.setattr(exact_end, "exact_stage", self.made)
@@ -153,7 +159,8 @@ class _Exact:
     def made_by_windows(self, _problem, outcome, X, _monitor):
         assert X is outcome.X or X == "break-away as in the guess"
         self.started.append("windows" if X is not outcome.X else "relaxed windows")
-        return self.next()
+        hard = self.next()
+        return hard, Grown(hard and Outcome(None, 1.0, 0.0, "done", True, 1, 0.0), self.costs.pop(0) if self.costs else ())
 
     def next(self) -> SimpleNamespace | None:
         if not self.misfits:
@@ -200,15 +207,51 @@ def test_it_is_started_again_until_only_noise_is_left_and_the_best_is_kept(monke
 
 
 def test_windows_come_before_other_break_aways_and_first_where_the_simulation_is_far_off(monkeypatch):
-    near = _Exact(monkeypatch, None, None, 1.0)
+    near = _Exact(monkeypatch, *(None,) * 6)
     near.end()
-    assert near.started[:2] == [1e5, "windows"] and near.started[2] != "windows"
-    far = _Exact(monkeypatch, None, 1.0, near=False)
+    assert near.started[:3] == [1e5, "windows", "relaxed windows"] and len(near.started) == 6
+    far = _Exact(monkeypatch, None, None, 1.0, near=False)
     far.end()
-    assert far.started == ["windows", 1e5]
-    hopeless = _Exact(monkeypatch, *(None,) * 6, near=False)
-    hopeless.end()
-    assert hopeless.started[-1] == "relaxed windows", "from a break-away that led nowhere straight, last"
+    assert far.started == ["windows", "relaxed windows", 1e5]
+
+
+AGREE, DIFFER = ((100.0, 130.0), (101.0, 128.0)), ((100.0, 130.0), (101.0, 160.0))
+
+
+@pytest.mark.parametrize(
+    ("near", "straight", "costs", "tried", "lacking"),
+    [(False, None, AGREE, 2, True), (True, None, AGREE, 3, True), (False, None, DIFFER, 6, False), (True, 1.4, AGREE, 3, True)],
+)
+def test_no_other_way_is_tried_where_windows_agree_that_the_model_lacks_something(
+    near, straight, costs, tried, lacking, monkeypatch
+):
+    exact = _Exact(monkeypatch, *([straight] if near else []), *(None,) * 6, near=near, costs=costs)
+    end = exact.end()
+    assert len(exact.started) == tried and end.lacking is lacking
+    assert end.misfit == (straight or np.inf)
+
+
+def test_what_one_start_showed_to_lack_another_is_not_led_to_the_exact_stage(monkeypatch):
+    ends, tried = _Ends(monkeypatch, 500.0, near=True), []
+    monkeypatch.setattr(fitting, "reread", lambda _task, found: found)
+    monkeypatch.setattr(fitting, "sliding_starts", lambda *_: [])
+    monkeypatch.setattr(fitting, "exact_end", lambda *_: tried.append(1))
+    end = fitting._end(TASK, {"Fc": 1.0}, True, [replace(End(*ends.end(1000.0)), lacking=True)])
+    assert end.lacking and end.soft.loose_cost == 500.0 and tried == []
+
+
+def test_a_better_relaxed_fit_of_a_model_that_lacks_something_is_kept_without_the_exact_stage(monkeypatch):
+    ends, tried = _Ends(monkeypatch, 700.0, 700.0, near=True), []
+
+    def made(_task, problem, soft):
+        tried.append(soft.loose_cost)
+        return End(problem, soft, lacking=True)
+
+    monkeypatch.setattr(fitting, "_by_sliding", lambda *_: [ends.end(1000.0), ends.end(1100.0)])
+    monkeypatch.setattr(fitting, "reread", lambda _task, found: found)
+    monkeypatch.setattr(fitting, "exact_end", made)
+    end = fitting._end(TASK, {}, True, [])
+    assert tried == [1000.0] and end.soft.loose_cost == 700.0 and end.lacking
 
 
 @pytest.mark.parametrize(

@@ -46,6 +46,8 @@ AT_BREAK_AWAY = (
     "model: something may be missing there, or this fit is not the best; the first of the ranking is what to try"
 )
 
+CANNOT_FOLLOW = "whatever it starts from, a fit of the model cannot follow the training runs: something is missing"
+
 SHOWN = (
     "the training runs leave more than noise themselves, and {} is what shows most in all runs; "
     "hold out a run like the training runs to judge it"
@@ -137,6 +139,8 @@ def _nothing_named(
         return Diagnosis("adequate", (), ordered, sentences=(*words, "nothing is missing above the noise"))
     if slow:
         return Diagnosis("adequate", (), ordered, sentences=tuple(words))
+    if current.fit.lacking:
+        return Diagnosis("unknown", (), ordered, _rest(current), sentences=(*words, CANNOT_FOLLOW))
     if adequate:
         plain = not judge.learned(current) and ordered and ordered[0].screen_gain * current.fit.relaxed_cost > LEAST_DROP
         shown = (SHOWN.format(ordered[0].effect),) if plain else ()

@@ -323,7 +323,12 @@ def loudest(trial: Trial) -> float:
 
 
 def explained_away(trial: Trial, judge: Judge) -> bool:
-    """Whether noise, and what the training runs leave open of the parameters, are all that the held-out error needs."""
+    """Whether noise, and what the training runs leave open of the parameters, are all that the held-out error needs.
+
+    What training runs that the model cannot follow leave open is no excuse.
+    """
+    if trial.fit.lacking and trial.error - 1.0 >= judge.small:
+        return False
     unlearned = judge.fits(trial) > FAR_OFF**2 and loudest(trial) > DEFECT_RATIO
     return judge.explains(trial) and not unlearned
 

@@ -1,4 +1,5 @@
-"""Where the exact stage leads from one relaxed fit: tried again from what most often went wrong, until only noise is left."""
+"""Where the exact stage leads from one relaxed fit: tried again from what most often went wrong, until only noise is left or
+windows from two starts agree that the model cannot follow the data."""
 
 from __future__ import annotations
 
@@ -8,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from pneuid.estimation.growing import Grown, agree
 from pneuid.estimation.shooting import Shooting
 from pneuid.estimation.solver import INTERRUPTED
 from pneuid.estimation.stages import (
@@ -28,27 +30,36 @@ def exact_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
     end = End(problem, soft, interrupted=soft.outcome.status == INTERRUPTED)
     if end.interrupted or not end.near:
         return end
-    # a break-away that the relaxed fit has found far off seldom leads anywhere: that of the data's own guess first
-    *fresh, last = [
-        partial(exact_by_windows, problem, soft.outcome, X, task.monitor) for X in window_starts(task, problem, soft)
-    ]
+    grown: list[Grown] = []
+
+    def windows(X: np.ndarray) -> Exact | None:
+        hard, found = exact_by_windows(problem, soft.outcome, X, task.monitor)
+        grown.append(found)
+        return hard
+
     straight, others = partial(exact_stage, problem, soft.outcome, task.monitor), []
     relaxed = values_at(problem, soft.outcome.X)
     for other in break_aways(problem.plant, relaxed):
         X = np.concatenate([inside(problem, relaxed | other), soft.outcome.X[problem.nq :]])
         others.append(partial(exact_stage, problem, replace(soft.outcome, X=X), task.monitor))
+    along = [partial(windows, X) for X in window_starts(task, problem, soft)]
     # straight first where that may well lead there, for it takes a tenth of the time
-    first = [straight, *fresh] if within_reach(problem, soft.outcome) else [*fresh, straight]
-    ways: list[Callable[[], Exact | None]] = [*first, *others, last]
+    first = [straight, *along] if within_reach(problem, soft.outcome) else [*along, straight]
+    ways: list[Callable[[], Exact | None]] = [*first, *others]
     for way in ways:
         end = better(end, _sharp(task, end, way))
         if end.interrupted or not end.doubtful:
             break
+        if len(grown) > 1 and agree(*grown[-2:]):
+            return replace(end, lacking=True)  # from elsewhere it would take long to end nowhere
     return end
 
 
 def window_starts(task: Task, problem: Shooting, soft: Relaxed) -> list[np.ndarray]:
-    """Starts of windows that merge, in the variables of ``problem``, the likeliest first; the last is the relaxed fit."""
+    """Starts of windows that merge, in the variables of ``problem``, the likeliest first; the last is the relaxed fit.
+
+    A break-away that the relaxed fit has found far off seldom leads anywhere, so that of the data's own guess comes first.
+    """
     return [*task.fresh_starts(problem, soft.outcome.X), soft.outcome.X]
 
 
@@ -67,4 +78,5 @@ def _sharp(task: Task, end: End, way: Callable[[], Exact | None]) -> End:
 
 def better(one: End, later: End) -> End:
     """Which of two ends leaves less; stopped where the later one was."""
-    return replace(min(one, later, key=lambda end: end.misfit), interrupted=later.interrupted)
+    best = min(one, later, key=lambda end: end.misfit)
+    return replace(best, interrupted=later.interrupted, lacking=one.lacking or later.lacking)

@@ -21,7 +21,6 @@ from pneuid.estimation.stages import (
     DEFECT_GATE,
     MISFIT,
     End,
-    Exact,
     Relaxed,
     loose_cost,
 )
@@ -40,6 +39,11 @@ BEYOND_CHANCE = (
 )
 """Of 112 exact fits to random rigs seven have a parameter more than four standard errors off, six of them such a residual."""
 
+LACKING = (
+    "relaxed: no parameters of the model follow the runs without jumps, whatever the fit starts from, so something is missing "
+    "from it; no standard errors"
+)
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -47,7 +51,8 @@ class Fit:
 
     stage : ``exact`` or ``relaxed``; values : all parameters, SI; ``relaxed`` and ``problem`` are the relaxed solution, on
     which effects are screened; cost_per_sample : mean squared weighted residual (1 when only noise is left);
-    defect_level : mean square of the relaxed defects in their own spread; loose : ``loose_cost`` where it is known.
+    defect_level : mean square of the relaxed defects in their own spread; loose : ``loose_cost`` where it is known; lacking :
+    whether the exact stage showed that no parameters of the model follow the data (False where it was not asked for).
     """
 
     plant: Plant
@@ -71,6 +76,7 @@ class Fit:
     spread: Uncertainty | None
     verdicts: dict[str, str]
     notes: tuple[str, ...]
+    lacking: bool = False
 
     @property
     def relaxed_values(self) -> dict[str, float]:
@@ -130,7 +136,8 @@ def fit(
     task = Task(plant, recordings, runs, nodes or {}, monitor)
     ends = _ends(task, start or {}, exact)
     _, best = min(zip(comparable_costs(*ends), ends, strict=True), key=lambda item: _order(*item))
-    found = result_of(best.problem, levels, best.soft, best.hard, time.monotonic() - began)
+    best = replace(best, lacking=best.hard is None and any(end.lacking for end in ends))
+    found = result_of(best, levels, time.monotonic() - began)
     if ends[-1].interrupted:
         raise Interrupted(replace(found, converged=False, status=f"interrupted, best so far; {found.status}"))
     return found
@@ -153,15 +160,17 @@ def _ends(task: Task, start: Mapping[str, float], exact: bool) -> list[End]:
 def _end(task: Task, start: Mapping[str, float], exact: bool, before: Sequence[End]) -> End:
     """Where one start leads: the data's own guess (empty) by a detour too, where it does not lead to an exact fit.
 
-    The exact stage is long where it fails, and is spared where the relaxed fit is no better than one that went ``before``.
+    The exact stage is long where it fails, and is spared where the relaxed fit is no better than one that went ``before``, or
+    where that one showed that the model lacks something.
     """
     found, *others = (_by_sliding(task, start) if exact else []) or [relaxed_fit(task, start)]
     if exact:
         found = reread(task, found)
-    exact = exact and all(_cheaper(found, (end.problem, end.soft)) for end in before)
-    end = exact_end(task, *found) if exact else End(*found)
+    lacking = any(end.lacking for end in before)
+    exact = exact and not lacking and all(_cheaper(found, (end.problem, end.soft)) for end in before)
+    end = exact_end(task, *found) if exact else End(*found, lacking=lacking)
     for other in others if exact else ():
-        if end.interrupted or not end.doubtful:
+        if end.interrupted or end.lacking or not end.doubtful:
             break
         # relaxed costs do not tell a wrong break-away from the right one where both are near: the exact residual does
         end = better(end, exact_end(task, *other))
@@ -170,7 +179,7 @@ def _end(task: Task, start: Mapping[str, float], exact: bool, before: Sequence[E
     other = _doubted(task, found)
     if other is found:
         return end
-    return exact_end(task, *other) if exact else End(*other)
+    return exact_end(task, *other) if exact and not end.lacking else End(*other, lacking=end.lacking)
 
 
 def _by_sliding(task: Task, start: Mapping[str, float]) -> list[tuple[Shooting, Relaxed]]:
@@ -241,8 +250,9 @@ def _starts(task: Task, start: Mapping[str, float], exact: bool) -> Iterator[Map
         yield dict(start) | soft
 
 
-def result_of(problem: Shooting, noise: dict[str, float], soft: Relaxed, hard: Exact | None, seconds: float) -> Fit:
+def result_of(end: End, noise: dict[str, float], seconds: float) -> Fit:
     """What the stages found, in one; ``seconds`` is how long it took."""
+    problem, soft, hard = end.problem, end.soft, end.hard
     final = hard.outcome if hard else soft.outcome
     solved = hard.problem if hard else problem
     misfit = 2 * final.cost / max(problem.weighted, 1)
@@ -256,11 +266,11 @@ def result_of(problem: Shooting, noise: dict[str, float], soft: Relaxed, hard: E
     return Fit(
         plant=problem.plant, runs=problem.runs, values=values_at(solved, final.X), ranges=problem.ranges,
         noise=noise, substeps=solved.substeps, stage="exact" if hard else "relaxed", converged=final.success,
-        status=_words(End(problem, soft, hard), misfit), cost_per_sample=misfit,
+        status=_words(end, misfit), cost_per_sample=misfit,
         defect_level=soft.level, iterations=soft.outcome.iterations + (final.iterations if hard else 0), seconds=seconds,
         relaxed=soft.outcome, loose=soft.loose_cost, problem=problem, exact=final if hard else None,
         exact_problem=solved if hard else None, spread=spread, verdicts=words,
-        notes=tuple(note for run in problem.runs for note in run.notes),
+        notes=tuple(note for run in problem.runs for note in run.notes), lacking=end.lacking,
     )  # fmt: skip
 
 
@@ -280,6 +290,8 @@ def _words(end: End, misfit: float) -> str:
             f"relaxed: the model leaves jumps of {jump:.1f} times their allowance between intervals, "
             "so something is missing from it; no standard errors"
         )
+    if end.lacking:
+        return LACKING
     return (
         "relaxed: little is unexplained, but the exact fit was not asked for or did not converge; "
         "no standard errors, predictions at break-away may be off"

@@ -9,7 +9,7 @@ is, a slip happens at the wrong time, and its windows wait until the others have
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,20 @@ SLACK = 3.0
 just before the parameters move to where it happens at the right one."""
 
 
+RISEN, SAME = 1.15, 0.1
+"""Cost along windows, in units of that along the shortest, from which it tells what the model lacks, and the difference
+within which two starts tell the same, relative to the smaller."""
+
+
+@dataclass(frozen=True)
+class Grown:
+    """path : the best one of one simulation per stretch, None where it or windows on the way there cost far too much; costs :
+    along every set of windows on the way, the shortest first."""
+
+    path: Outcome | None
+    costs: tuple[float, ...]
+
+
 def walked(whole: Chained, X: np.ndarray, monitor: Monitor | None, settling: Settling = CLOSE) -> Outcome:
     """Best path from the first states of ``X``, in the variables of the short intervals.
 
@@ -47,8 +61,8 @@ def walked(whole: Chained, X: np.ndarray, monitor: Monitor | None, settling: Set
 
 def grown(
     problem: Shooting, X: np.ndarray, limit: float, monitor: Monitor | None, settling: Settling = CLOSE
-) -> Outcome | None:
-    """Best path of one simulation per stretch from ``X`` (variables of ``problem``); None where it ends above the cost
+) -> Grown:
+    """Best path of one simulation per stretch from ``X`` (variables of ``problem``); none where it ends above the cost
     ``limit``, or windows on the way there far above it.
 
     Raises ``KeyboardInterrupt`` where it is stopped.
@@ -56,13 +70,30 @@ def grown(
     length = SHORTEST * -(-SAMPLES // problem.samples)
     spans = zip(problem.stretches, np.append(problem.stretches[1:], problem.nint), strict=True)
     cuts = [i - 1 for first, end in spans for i in range(first + length, end, length)]
+    costs: list[float] = []
     while cuts:
         found = walked(Chained(problem, cuts), X, monitor, ROUGHLY)
+        costs.append(found.cost)
         if not found.cost < SLACK * limit:
-            return None
+            return Grown(None, tuple(costs))
         X, cuts = found.X, merged(problem, cuts, found.X)
     path = walked(Chained(problem), X, monitor, settling)
-    return path if path.success and path.cost < limit else None
+    return Grown(path if path.success and path.cost < limit else None, tuple(costs))
+
+
+def agree(one: Grown, other: Grown) -> bool:
+    """Whether windows from two starts show that no parameters of the model follow what was measured: neither led to a path, and
+    where both begin to cost more than the shortest ones they cost the same.
+
+    A slip at the wrong time costs each start what it pleases; the drift of what the model lacks costs all the same.
+    """
+    if one.path is not None or other.path is not None:
+        return False
+    least = min([*one.costs[:1], *other.costs[:1]], default=np.inf)
+    for costs in zip(one.costs, other.costs, strict=False):
+        if min(costs) > RISEN * least:
+            return max(costs) < (1.0 + SAME) * min(costs)
+    return False
 
 
 def merged(problem: Shooting, cuts: Sequence[int], X: np.ndarray) -> list[int]:

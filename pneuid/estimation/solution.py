@@ -13,7 +13,7 @@ from pneuid.estimation.own import declared
 from pneuid.estimation.preparation import Run
 from pneuid.estimation.shooting import Shooting, relaxed_smoothing
 from pneuid.estimation.solver import Outcome
-from pneuid.estimation.stages import Relaxed
+from pneuid.estimation.stages import End, Relaxed
 from pneuid.plant import Plant
 
 
@@ -70,4 +70,4 @@ class Solution:
         found = Outcome(
             np.array(self.X), self.cost, self.penalty, self.status, self.success, self.iterations, self.seconds
         )
-        return result_of(problem, dict(noise), Relaxed(found, self.level, self.loose_cost), None, self.seconds)
+        return result_of(End(problem, Relaxed(found, self.level, self.loose_cost)), dict(noise), self.seconds)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pneuid.estimation.chained import Chained
-from pneuid.estimation.growing import grown, walked
+from pneuid.estimation.growing import Grown, grown, walked
 from pneuid.estimation.refined import Refined
 from pneuid.estimation.shooting import LOOSE, TIGHT, Shooting
 from pneuid.estimation.solver import (
@@ -97,12 +97,13 @@ class Exact:
 
 @dataclass(frozen=True)
 class End:
-    """Where one start has led."""
+    """Where one start has led; lacking : whether windows from several starts agree that the model cannot follow the data."""
 
     problem: Shooting
     soft: Relaxed
     hard: Exact | None = None
     interrupted: bool = False
+    lacking: bool = False
 
     @property
     def loose_cost(self) -> float:
@@ -189,10 +190,13 @@ def exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Ex
     return _finished(fine, _straight(fine, soft, monitor), monitor)
 
 
-def exact_by_windows(problem: Shooting, soft: Outcome, X: np.ndarray, monitor: Monitor | None) -> Exact | None:
-    """The exact fit along windows that merge, from ``X`` (variables of ``problem``); as ``exact_stage``."""
+def exact_by_windows(
+    problem: Shooting, soft: Outcome, X: np.ndarray, monitor: Monitor | None
+) -> tuple[Exact | None, Grown]:
+    """The exact fit along windows that merge, from ``X`` (variables of ``problem``), as ``exact_stage``, and these windows."""
     fine = _like(problem, soft.X, problem.substeps)
-    return _finished(fine, grown(fine, X, NEAR_RELAXED * (soft.cost + soft.penalty), monitor), monitor)
+    windows = grown(fine, X, NEAR_RELAXED * (soft.cost + soft.penalty), monitor)
+    return _finished(fine, windows.path, monitor), windows
 
 
 def _finished(fine: Shooting, path: Outcome | None, monitor: Monitor | None) -> Exact | None:
@@ -231,7 +235,7 @@ def sharpened(
     path = _straight(coarse, soft, monitor, NEAR) if within_reach(problem, soft) else None
     if path is None or path.cost > NO_DOUBT * relaxed:
         limit = NEAR_RELAXED * relaxed if path is None else path.cost
-        path = next((found for X in starts if (found := grown(coarse, X, limit, monitor, NEAR)) is not None), path)
+        path = next((found for X in starts if (found := grown(coarse, X, limit, monitor, NEAR).path) is not None), path)
     if path is None:
         return None
     spread = uncertainty(coarse, path.X)
