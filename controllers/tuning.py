@@ -35,7 +35,7 @@ LEARNING = 0.2
 """Learning rate of the share of friction over the observer's bandwidth. Much slower, and a first move of a tenth of a
 second ends before what ``alpha`` holds back is learned: the axis hunts in the dwell after it."""
 
-MPC_LEARNING = 1.0
+MPC_LEARNING = 0.5
 """The predictive controller learns slower by this: the share scales the friction of its whole horizon."""
 
 
