@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import tomllib
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -84,6 +85,15 @@ def test_it_gives_up_where_windows_end_far_above_the_limit_or_the_path_above_it(
     found = grown(problem(), "a", 2.0, None)
     assert (found.path is None) == (cost != 5.9)
     assert len(windows.cuts) == walks and len(found.costs) == min(walks, 5)
+
+
+def test_what_short_windows_show_is_kept_as_long_as_they_cost_little_more_than_the_shortest(monkeypatch):
+    windows = _Windows(monkeypatch, lambda n: {1: 1.0, 2: 1.1, 3: 1.3, 4: 1.1, 5: 5.0}.get(n, 9.0))
+    monkeypatch.setattr(growing, "walked", lambda whole, X, *_: replace(windows.walked(whole, X, None, None), X=X + 1))
+    assert grown(problem(), 0, 2.0, None).held == 4
+    windows = _Windows(monkeypatch, lambda n: {1: 1.0, 2: 1.1}.get(n, 9.0))
+    monkeypatch.setattr(growing, "walked", lambda whole, X, *_: replace(windows.walked(whole, X, None, None), X=X + 1))
+    assert grown(problem(), 0, 2.0, None).held == 2, "given up at the third"
 
 
 PATH = Outcome(np.zeros(1), 1.0, 0.0, "", True, 1, 0.0)

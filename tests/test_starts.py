@@ -231,17 +231,21 @@ def test_no_other_way_is_tried_where_windows_agree_that_the_model_lacks_somethin
     assert end.misfit == (straight or np.inf)
 
 
-def test_what_one_start_showed_to_lack_another_is_not_led_to_the_exact_stage(monkeypatch):
-    ends, tried = _Ends(monkeypatch, 500.0, near=True), []
-    monkeypatch.setattr(fitting, "reread", lambda _task, found: found)
-    monkeypatch.setattr(fitting, "sliding_starts", lambda *_: [])
-    monkeypatch.setattr(fitting, "exact_end", lambda *_: tried.append(1))
-    end = fitting._end(TASK, {"Fc": 1.0}, True, [replace(End(*ends.end(1000.0)), lacking=True)])
-    assert end.lacking and end.soft.loose_cost == 500.0 and tried == []
+def test_a_start_that_showed_the_model_to_lack_something_is_the_last(monkeypatch):
+    ends, started = _Ends(monkeypatch, near=True), []
+
+    def ended(_task, start, _exact, _before):
+        started.append(start)
+        return replace(End(*ends.end(1000.0)), lacking=True)
+
+    monkeypatch.setattr(fitting, "by_sections", lambda *_: None)
+    monkeypatch.setattr(fitting, "_end", ended)
+    (end,) = fitting._ends(TASK, {"Fc": 1.0}, True)
+    assert end.lacking and started == [{"Fc": 1.0}]
 
 
-def test_a_better_relaxed_fit_of_a_model_that_lacks_something_is_kept_without_the_exact_stage(monkeypatch):
-    ends, tried = _Ends(monkeypatch, 700.0, 700.0, near=True), []
+def test_of_a_model_that_lacks_something_neither_another_break_away_nor_a_softer_start_is_tried(monkeypatch):
+    ends, tried = _Ends(monkeypatch, near=True), []
 
     def made(_task, problem, soft):
         tried.append(soft.loose_cost)
@@ -250,8 +254,27 @@ def test_a_better_relaxed_fit_of_a_model_that_lacks_something_is_kept_without_th
     monkeypatch.setattr(fitting, "_by_sliding", lambda *_: [ends.end(1000.0), ends.end(1100.0)])
     monkeypatch.setattr(fitting, "reread", lambda _task, found: found)
     monkeypatch.setattr(fitting, "exact_end", made)
-    end = fitting._end(TASK, {}, True, [])
-    assert tried == [1000.0] and end.soft.loose_cost == 700.0 and end.lacking
+    assert fitting._end(TASK, {}, True, []).lacking
+    assert tried == [1000.0] and ends.asked == []
+
+
+@pytest.mark.parametrize(("cost", "taken"), [(1009.0, True), (900.0, True), (1011.0, False)])
+def test_its_relaxed_fit_is_that_at_the_break_away_which_short_windows_show_unless_much_dearer(cost, taken, monkeypatch):
+    problem = SimpleNamespace(relaxation=TIGHT)
+    end = End(problem, Relaxed(Outcome(np.zeros(1), 600.0, 400.0, "Settled", True, 3, 0.0), 0.1, None))
+    held, started = np.ones(1), []
+
+    def relaxed(_problem, X, _monitor):
+        started.append(X)
+        return Relaxed(Outcome(X, cost, 0.0, "Settled", True, 3, 0.0), 0.1, None)
+
+    monkeypatch.setattr(exact_end, "relaxed_again", relaxed)
+    grown = [Grown(None, (1.0, 2.0)), Grown(None, (1.0, 2.0), held), Grown(None, (1.0, 2.0), np.full(1, 7.0))]
+    found = exact_end._relaxed_at(end, grown, SimpleNamespace(monitor=None))
+    assert found.lacking and started == [held] and found.relaxed_cost == (cost if taken else 1000.0)
+    exactly = replace(end, hard=SimpleNamespace(outcome=SimpleNamespace(cost=1.0)))
+    assert exact_end._relaxed_at(exactly, grown, SimpleNamespace(monitor=None)).soft is end.soft
+    assert exact_end._relaxed_at(end, grown[:1], SimpleNamespace(monitor=None)).soft is end.soft
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@ windows from two starts agree that the model cannot follow the data."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -19,10 +19,14 @@ from pneuid.estimation.stages import (
     exact_by_windows,
     exact_from,
     exact_stage,
+    relaxed_again,
     within_reach,
 )
 from pneuid.estimation.starts import break_aways
 from pneuid.estimation.task import Task, inside, values_at
+
+DEARER = 0.01
+"""Relative rise of the relaxed cost up to which a break-away seen along windows is taken: that cost hardly sees it."""
 
 
 def exact_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
@@ -51,8 +55,22 @@ def exact_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
         if end.interrupted or not end.doubtful:
             break
         if len(grown) > 1 and agree(*grown[-2:]):
-            return replace(end, lacking=True)  # from elsewhere it would take long to end nowhere
+            return _relaxed_at(end, grown, task)  # from elsewhere it would take long to end nowhere
     return end
+
+
+def _relaxed_at(end: End, grown: Sequence[Grown], task: Task) -> End:
+    """The end of a model that lacks something, its relaxed fit at the break-away that short windows show.
+
+    The relaxed fit hardly sees a break-away, and no exact one puts it right.
+    """
+    end = replace(end, lacking=True)
+    shown = [one.held for one in grown if one.held is not None]
+    if end.hard is not None or not shown:
+        return end
+    soft = relaxed_again(end.problem, shown[0], task.monitor)
+    found = replace(end, soft=soft, interrupted=soft.outcome.status == INTERRUPTED)
+    return found if found.relaxed_cost < (1.0 + DEARER) * end.relaxed_cost else replace(end, interrupted=found.interrupted)
 
 
 def window_starts(task: Task, problem: Shooting, soft: Relaxed) -> list[np.ndarray]:

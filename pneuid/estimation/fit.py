@@ -152,7 +152,7 @@ def _ends(task: Task, start: Mapping[str, float], exact: bool) -> list[End]:
             return ends
     for one in _starts(task, start, exact):
         ends.append(_end(task, one, exact, ends))
-        if ends[-1].interrupted or ends[-1].settled or (not one and not ends[-1].near):
+        if ends[-1].interrupted or ends[-1].settled or ends[-1].lacking or (not one and not ends[-1].near):
             break  # from the data's own guess, and another one, a model that ends far off is wrong, not badly started
     return ends
 
@@ -160,26 +160,24 @@ def _ends(task: Task, start: Mapping[str, float], exact: bool) -> list[End]:
 def _end(task: Task, start: Mapping[str, float], exact: bool, before: Sequence[End]) -> End:
     """Where one start leads: the data's own guess (empty) by a detour too, where it does not lead to an exact fit.
 
-    The exact stage is long where it fails, and is spared where the relaxed fit is no better than one that went ``before``, or
-    where that one showed that the model lacks something.
+    The exact stage is long where it fails, and is spared where the relaxed fit is no better than one that went ``before``.
     """
     found, *others = (_by_sliding(task, start) if exact else []) or [relaxed_fit(task, start)]
     if exact:
         found = reread(task, found)
-    lacking = any(end.lacking for end in before)
-    exact = exact and not lacking and all(_cheaper(found, (end.problem, end.soft)) for end in before)
-    end = exact_end(task, *found) if exact else End(*found, lacking=lacking)
+    exact = exact and all(_cheaper(found, (end.problem, end.soft)) for end in before)
+    end = exact_end(task, *found) if exact else End(*found)
     for other in others if exact else ():
         if end.interrupted or end.lacking or not end.doubtful:
             break
         # relaxed costs do not tell a wrong break-away from the right one where both are near: the exact residual does
         end = better(end, exact_end(task, *other))
-    if start or end.interrupted or end.hard is not None:
+    if start or end.interrupted or end.lacking or end.hard is not None:
         return end
     other = _doubted(task, found)
     if other is found:
         return end
-    return exact_end(task, *other) if exact and not end.lacking else End(*other, lacking=end.lacking)
+    return exact_end(task, *other) if exact else End(*other)
 
 
 def _by_sliding(task: Task, start: Mapping[str, float]) -> list[tuple[Shooting, Relaxed]]:

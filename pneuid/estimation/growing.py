@@ -42,10 +42,12 @@ within which two starts tell the same, relative to the smaller."""
 @dataclass(frozen=True)
 class Grown:
     """path : the best one of one simulation per stretch, None where it or windows on the way there cost far too much; costs :
-    along every set of windows on the way, the shortest first."""
+    along every set of windows on the way, the shortest first; held : variables along the last of those that cost little more
+    than the shortest, None without any."""
 
     path: Outcome | None
     costs: tuple[float, ...]
+    held: np.ndarray | None = None
 
 
 def walked(whole: Chained, X: np.ndarray, monitor: Monitor | None, settling: Settling = CLOSE) -> Outcome:
@@ -71,14 +73,17 @@ def grown(
     spans = zip(problem.stretches, np.append(problem.stretches[1:], problem.nint), strict=True)
     cuts = [i - 1 for first, end in spans for i in range(first + length, end, length)]
     costs: list[float] = []
+    held = None
     while cuts:
         found = walked(Chained(problem, cuts), X, monitor, ROUGHLY)
         costs.append(found.cost)
         if not found.cost < SLACK * limit:
-            return Grown(None, tuple(costs))
+            return Grown(None, tuple(costs), held)
+        if found.cost <= RISEN * costs[0]:
+            held = found.X
         X, cuts = found.X, merged(problem, cuts, found.X)
     path = walked(Chained(problem), X, monitor, settling)
-    return Grown(path if path.success and path.cost < limit else None, tuple(costs))
+    return Grown(path if path.success and path.cost < limit else None, tuple(costs), held)
 
 
 def agree(one: Grown, other: Grown) -> bool:
