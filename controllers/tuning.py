@@ -36,7 +36,8 @@ LEARNING = 0.2
 second ends before what ``alpha`` holds back is learned: the axis hunts in the dwell after it."""
 
 MPC_LEARNING = 0.5
-"""The predictive controller learns slower by this: the share scales the friction of its whole horizon."""
+"""The predictive controller learns slower by this: the share scales the friction of its whole horizon. At 1 it hunts by
+131 um at 7 bar under 20 um of noise."""
 
 
 @dataclass(frozen=True)

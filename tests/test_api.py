@@ -6,6 +6,7 @@ import dataclasses
 import json
 import re
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -13,6 +14,7 @@ import pytest
 from helpers import base_fit, held_runs, train_runs
 
 import pneuid
+from pneuid import api
 from pneuid.criticism.comparison import Comparison
 from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.model import model_of
@@ -127,3 +129,16 @@ def test_an_unknown_effect_is_one_clear_line():
     with pytest.raises(pneuid.UserError, match="leak") as caught:
         pneuid.fit(model().content.rig, [run], add=["leek_internal"])
     assert "\n" not in str(caught.value)
+
+
+def test_a_model_from_a_file_is_fitted_again_with_what_its_first_fit_showed_to_be_lacking(monkeypatch):
+    @dataclasses.dataclass(frozen=True)
+    class Found:
+        lacking: bool = False
+
+    monkeypatch.setattr(api, "estimate", lambda *_args, **_how: Found())
+    for lacking in (True, False):
+        summary = SimpleNamespace(lacking=lacking)
+        content = SimpleNamespace(plant=None, noise={}, fit=summary)
+        model = SimpleNamespace(fitted=None, content=content, values={})
+        assert api.refitted(model, []).lacking is lacking
