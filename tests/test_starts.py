@@ -6,6 +6,7 @@ import tomllib
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
+import helpers
 import numpy as np
 import pytest
 
@@ -21,7 +22,7 @@ from pneuid.estimation.task import Task
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.rig import Rig
-from pneuid.virtual_rig import ATMOSPHERE, NOTHING, random_servo, record_servo
+from pneuid.virtual_rig import ATMOSPHERE, HIDDEN_EFFECTS, NOTHING, TruthServo, random_servo, record_servo
 
 GUESS = {"Fc": 10.0, "Fs": 15.0, "vs": 0.01, "sigma0": 4e5, "sigma1": 200.0}
 FOUND = {"Fc": 9.0, "Fs": 20.0, "vs": 0.03, "sigma0": 1e5, "sigma1": 90.0}
@@ -325,3 +326,28 @@ def test_a_residual_beyond_chance_is_part_of_the_status(misfit, said, unsaid):
     end = End(SimpleNamespace(weighted=20_000), SimpleNamespace(), hard)
     words = fitting._words(end, misfit)
     assert said in words and unsaid not in words
+
+
+def test_which_of_two_ends_is_better_does_not_forget_what_either_showed():
+    one, other = (End(SimpleNamespace(weighted=100), SimpleNamespace(), lacking=lacking) for lacking in (False, True))
+    assert exact_end.better(one, other).lacking and exact_end.better(other, one).lacking
+    assert not exact_end.better(one, one).lacking
+
+
+@pytest.mark.parametrize("share", [0.05, 0.1])
+def test_a_leak_that_the_relaxed_fit_hardly_shows_is_said_to_be_missing(share):
+    weak = HIDDEN_EFFECTS["leakage_internal"]["weak"]
+    hidden = replace(weak, leakage_internal=share * weak.leakage_internal)
+    runs = [
+        Recording.from_arrays(
+            f"s{bar}.csv", helpers.rig(),
+            **record_servo(TruthServo(), hidden, kind, 3.0, 11 + bar, supply=bar * 1e5 + ATMOSPHERE),
+        )
+        for kind, bar in (("multisine", 5), ("steps", 7))
+    ]  # fmt: skip
+    found = fitting.fit(Plant(helpers.rig(), "lugre"), runs)
+    assert found.stage == "relaxed" and found.lacking and found.status == fitting.LACKING
+    assert found.values["Fs"] == pytest.approx(helpers.TRUTH["Fs"], rel=0.15)
+    sound = [helpers.servo_run(kind, bar, 11 + bar) for kind, bar in (("multisine", 5), ("steps", 7))]
+    end = fitting.fit(Plant(helpers.rig(), "lugre"), sound)
+    assert end.stage == "exact" and not end.lacking
