@@ -31,9 +31,6 @@ steps across the kinks of stick-slip go on zigzagging at that level for a hundre
 SETTLED_GAIN = 1e-4
 SETTLED_EXACT = 1e-6
 
-SETTLED_AGAIN = 2
-"""The same where the parameters are all but right at the start: what is left to do is the nodes' part."""
-
 ARRIVED, NEARBY = 0.05, 1.0
 """Distances from the optimum, in standard errors of all parameters together, at which a path needs no further step: one whose
 parameters are the result, and one of a part of the record, whose optimum is further than that from the whole's."""
@@ -89,8 +86,11 @@ USUAL, ROUGHLY = Settling(SETTLED_GAIN), Settling(1e-3)
 """For a relaxed problem, and for one that only leads to the next."""
 
 CLOSE = Settling(SETTLED_EXACT, arrived=ARRIVED)
-NEAR = Settling(SETTLED_GAIN, SETTLED_AGAIN, NEARBY)
+NEAR = Settling(SETTLED_GAIN, 2, NEARBY)
 """For a path whose parameters are the result, and for one of a part of the record."""
+
+AGAIN = Settling(0.5 * SETTLED_GAIN, 1)
+"""For a relaxed problem whose parameters and path are all but right: what is left to do is the nodes' part."""
 
 
 class _Evaluator:
@@ -353,8 +353,8 @@ def solve_relaxed(
 
 
 def solve_relaxed_again(problem: Shooting, X0: np.ndarray, monitor: Monitor | None = None) -> Outcome:
-    """The same from parameters and a path that are all but right, where what is left to do is the nodes' part."""
-    return _solve(problem, X0, True, "relaxed", Settling(0.5 * SETTLED_GAIN, 1), _ROUGH, monitor)
+    """The same from parameters and a path that are all but right."""
+    return _solve(problem, X0, True, "relaxed", AGAIN, _ROUGH, monitor)
 
 
 def solve_chained(
