@@ -189,11 +189,15 @@ def load(path: str | Path, effect_files: Sequence[str | Path] = ()) -> Identifie
 
 
 def refitted(model: IdentifiedModel, runs: Sequence[Recording], monitor: Monitor | None = None) -> Fit:
-    """The fit behind a model, made again from its own values where the model came from a file."""
+    """The fit behind a model, made again from its own values where the model came from a file.
+
+    Relaxed, which is quick; but where the first fit showed that the model lacks something, by the way that showed it: the
+    break-away of such a model comes from there, and a relaxed fit alone loses it.
+    """
     if model.fitted is not None:
         return model.fitted
-    found = estimate(model.content.plant, runs, model.values, model.content.noise or None, monitor, exact=False)
-    return replace(found, lacking=model.content.fit.lacking)
+    content = model.content
+    return estimate(content.plant, runs, model.values, content.noise or None, monitor, exact=content.fit.lacking)
 
 
 def diagnose(

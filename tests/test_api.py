@@ -131,14 +131,8 @@ def test_an_unknown_effect_is_one_clear_line():
     assert "\n" not in str(caught.value)
 
 
-def test_a_model_from_a_file_is_fitted_again_with_what_its_first_fit_showed_to_be_lacking(monkeypatch):
-    @dataclasses.dataclass(frozen=True)
-    class Found:
-        lacking: bool = False
-
-    monkeypatch.setattr(api, "estimate", lambda *_args, **_how: Found())
+def test_a_model_from_a_file_that_lacks_something_is_fitted_again_by_the_way_that_showed_it(monkeypatch):
+    monkeypatch.setattr(api, "estimate", lambda *_args, exact: exact)
     for lacking in (True, False):
-        summary = SimpleNamespace(lacking=lacking)
-        content = SimpleNamespace(plant=None, noise={}, fit=summary)
-        model = SimpleNamespace(fitted=None, content=content, values={})
-        assert api.refitted(model, []).lacking is lacking
+        content = SimpleNamespace(plant=None, noise={}, fit=SimpleNamespace(lacking=lacking))
+        assert api.refitted(SimpleNamespace(fitted=None, content=content, values={}), []) is lacking
