@@ -216,6 +216,17 @@ def test_windows_come_before_other_break_aways_and_first_where_the_simulation_is
     assert far.started == ["windows", "relaxed windows", 1e5]
 
 
+@pytest.mark.parametrize(
+    ("misfits", "tried"),
+    [((1.3, 1.25), 2), ((1.25, 1.3), 2), ((1.3, None, 1.25), 3), ((None, 1.3, 1.25), 3), ((1.3, 1.1, *(None,) * 4), 6)],
+)
+def test_where_two_ways_lead_to_paths_that_leave_much_no_other_is_tried(misfits, tried, monkeypatch):
+    """Unless so little is left that a local optimum of the pre-sliding parameters may be the cause."""
+    exact = _Exact(monkeypatch, *misfits)
+    assert exact.end().misfit == min(misfit for misfit in misfits if misfit)
+    assert len(exact.started) == tried
+
+
 AGREE, DIFFER = ((100.0, 130.0), (101.0, 128.0)), ((100.0, 130.0), (101.0, 160.0))
 
 

@@ -50,10 +50,14 @@ def exact_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
     # straight first where that may well lead there, for it takes a tenth of the time
     first = [straight, *along] if within_reach(problem, soft.outcome) else [*along, straight]
     ways: list[Callable[[], Exact | None]] = [*first, *others]
+    paths = 0
     for way in ways:
-        end = better(end, _sharp(task, end, way))
+        found = _sharp(task, end, way)
+        end, paths = better(end, found), paths + (found.hard is not None)
         if end.interrupted or not end.doubtful:
             break
+        if end.settled and paths > 1:
+            break  # paths from two starts leave so much that the model must differ from the rig: a third does not mend that
         if len(grown) > 1 and agree(*grown[-2:]):
             return _relaxed_at(end, grown, task)  # from elsewhere it would take long to end nowhere
     return end
