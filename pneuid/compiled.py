@@ -69,13 +69,26 @@ def compile_functions(functions: Sequence[ca.Function], prefix: str) -> tuple[li
     generator = ca.CodeGenerator(f"{prefix}.c", {"with_header": False, "verbose": False})
     for function in functions:
         generator.add(function)
-    source = generator.dump()
+    library = compiled_library(generator.dump(), prefix)
+    if library is None:
+        return list(functions), False
+    return [ca.external(function.name(), str(library)) for function in functions], True
+
+
+def compiled_library(source: str, prefix: str) -> Path | None:
+    """The library that C ``source`` compiles to, from the cache where it is there; None where it does not compile."""
+    tool = compiler()
+    if tool is None:
+        return None
     content = "\n".join([source, " ".join(_FLAGS), *tool, _processor(), ca.CasadiMeta.version()])
     key = hashlib.sha256(content.encode()).hexdigest()[:32]
     library = cache_folder() / f"{prefix}_{key}.so"
-    if not library.exists() and not _build(tool[0], source, library):
-        return list(functions), False
-    return [ca.external(function.name(), str(library)) for function in functions], True
+    return library if library.exists() or _build(tool[0], source, library) else None
+
+
+def lanes() -> int:
+    """Numbers that this processor's vectors hold, as far as is known."""
+    return 8 if "avx512f" in _processor() else 4
 
 
 def _build(tool: str, source: str, library: Path) -> bool:

@@ -16,6 +16,8 @@ import casadi as ca
 import numpy as np
 
 from pneuid.compiled import compile_functions
+from pneuid.lanes import Body, side_by_side
+from pneuid.mapped import pair
 from pneuid.plant import Plant
 from pneuid.step import substep
 
@@ -90,18 +92,22 @@ def _sample_functions(plant: Plant, selected: Sequence[str], substeps: int) -> d
     full = ca.densify(rows).T @ ca.densify(rows)
     packed = ca.vertcat(*(full[: j + 1, j] for j in range(np_ + ns + 1)))
 
-    def function(name: str, given: list, result: list) -> ca.Function:
-        expressions = ca.cse([ca.densify(item) for item in result])
-        return ca.Function(f"{PREFIX}_{name}", given, expressions)
-
     cost = ca.SX.sym("cost")
+    named = {"s": s, "d": d, "theta": theta, "fraction": fraction, "S": S, "gram": gram, "cost": cost}
+
+    def function(name: str, given: Sequence[str], result: list) -> ca.Function:
+        expressions = ca.cse([ca.densify(item) for item in result])
+        shown = [f"r{i}" for i in range(len(result))]
+        return ca.Function(f"{PREFIX}_{name}", [named[one] for one in given], expressions, list(given), shown)
+
     return {
-        "output": function("output", [s, d, theta], [shown]),
-        "cost": function("cost", [s, d, theta, cost], [cost + ca.dot(residual, residual)]),
-        "step": function("step", [s, fraction, d, theta], [moved]),
-        "gram": function("gram", [s, S, gram, d, theta], [gram + packed]),
-        "rows": function("rows", [s, S, d, theta], [rows[:, : np_ + ns]]),
-        "move": function("move", [s, S, fraction, d, theta], [moved, S_next]),
+        "output": function("output", ("s", "d", "theta"), [shown]),
+        "cost": function("cost", ("s", "d", "theta", "cost"), [cost + ca.dot(residual, residual)]),
+        "step": function("step", ("s", "fraction", "d", "theta"), [moved]),
+        "gram": function("gram", ("s", "S", "gram", "d", "theta"), [gram + packed]),
+        "weighted": function("weighted", ("s", "S", "d", "theta"), [rows]),
+        "rows": function("rows", ("s", "S", "d", "theta"), [rows[:, : np_ + ns]]),
+        "move": function("move", ("s", "S", "fraction", "d", "theta"), [moved, S_next]),
     }
 
 
@@ -137,6 +143,59 @@ def _chains(plant: Plant, selected: Sequence[str], samples: int, substeps: int) 
     return {"values": values, "trajectory": trajectory, "derivatives": derivatives, "jacobian": jacobian}
 
 
+def _bodies(plant: Plant, selected: Sequence[str], samples: int, substeps: int) -> dict[str, Body]:
+    """The same chains as C over lanes, with loops for samples and substeps."""
+    ns, ny, rows, width = len(plant.states), len(plant.outputs), data_rows(plant), len(selected) + len(plant.states)
+    packed = (width + 1) * (width + 2) // 2
+    given = {"start": ns, "data": rows * samples, "theta": len(plant.theta_names)}
+    begin = f"v s[{ns}], moved[{ns}]; copied(s, start, {ns});"
+    slopes = (
+        f"v S[{ns * width}], turned[{ns * width}]; for (int i = 0; i < {ns * width}; i++) S[i] = ALL(0.0);\n"
+        f"for (int i = 0; i < {ns}; i++) S[{ns} * ({width - ns} + i) + i] = ALL(1.0);"
+    )
+    each = f"for (int k = 0; k < {samples}; k++) {{ const v *d = data + k * {rows};"
+    inner = f"for (int j = 0; j < {substeps}; j++) {{ v fraction[1] = {{ALL((double)j / {substeps})}};"
+    step = f"{inner} step(s, fraction, d, theta, step_constant, moved); copied(s, moved, {ns}); }}"
+    move = (
+        f"{inner} move(s, S, fraction, d, theta, move_constant, moved, turned);\n"
+        f"copied(s, moved, {ns}); copied(S, turned, {ns * width}); }}"
+    )
+    ends = f"copied(end_, s, {ns});"
+    gram = (
+        f"v R[{ny * (width + 1)}]; weighted(s, S, d, theta, weighted_constant, R); v *g = gram_;\n"
+        f"for (int b = 0; b < {width + 1}; b++) for (int a = 0; a <= b; a++, g++) {{ v sum = *g;\n"
+        f"for (int i = 0; i < {ny}; i++) sum += R[{ny} * a + i] * R[{ny} * b + i]; *g = sum; }}"
+    )
+    texts = {
+        "values": (
+            ("cost", "step"),
+            [begin, "v sum[1] = {ALL(0.0)};", each, "cost(s, d, theta, sum, cost_constant, cost_); *sum = *cost_;", step, "}",
+             ends],
+            {"end": ns, "cost": 1},
+        ),
+        "trajectory": (
+            ("output", "step"),
+            [begin, f"copied(states_, s, {ns});", each, f"output(s, d, theta, output_constant, outputs_ + k * {ny});", step,
+             f"copied(states_ + (k + 1) * {ns}, s, {ns}); }}"],
+            {"outputs": ny * samples, "states": ns * (samples + 1)},
+        ),
+        "derivatives": (
+            ("weighted", "move"),
+            [begin, slopes, f"for (int i = 0; i < {packed}; i++) gram_[i] = ALL(0.0);", each, gram, move, "}", ends,
+             f"copied(slopes_, S, {ns * width});"],
+            {"end": ns, "slopes": ns * width, "gram": packed},
+        ),
+        "jacobian": (
+            ("rows", "move"),
+            [begin, slopes, each, f"v R[{ny * width}]; rows(s, S, d, theta, rows_constant, R);",
+             f"for (int j = 0; j < {width}; j++) copied(rows_ + (j * {samples} + k) * {ny}, R + j * {ny}, {ny});", move, "}",
+             f"copied(slopes_, S, {ns * width});"],
+            {"rows": ny * samples * width, "slopes": ns * width},
+        ),
+    }  # fmt: skip
+    return {name: Body("\n".join(lines), parts, given, found) for name, (parts, lines, found) in texts.items()}
+
+
 def _unmoved(ns: int, width: int) -> ca.MX:
     """Sensitivity of the start state by parameters and itself."""
     return ca.MX(ca.DM(np.hstack([np.zeros((ns, width - ns)), np.eye(ns)])))
@@ -144,18 +203,32 @@ def _unmoved(ns: int, width: int) -> ca.MX:
 
 @lru_cache(maxsize=64)
 def _build(plant_key: tuple, selected: tuple[str, ...], samples: int, substeps: int) -> IntervalFunction:
-    plant = _PLANTS[plant_key]
-    chains = _chains(plant, selected, samples, substeps)
-    needed = [chains[name] for name in ("values", "derivatives", "trajectory")]
-    (values, derivatives, trajectory), done = compile_functions(needed, PREFIX)
+    names = ("values", "derivatives", "trajectory")
+    (values, derivatives, trajectory), done = _compiled(_PLANTS[plant_key], selected, samples, substeps, names)
     return IntervalFunction(values, derivatives, trajectory, samples, substeps, selected, done)
 
 
 @lru_cache(maxsize=128)
 def _single(plant_key: tuple, selected: tuple[str, ...], samples: int, substeps: int, name: str) -> ca.Function:
-    chain = _chains(_PLANTS[plant_key], selected, samples, substeps)[name]
-    (function,), _ = compile_functions([chain], PREFIX)
+    (function,), _ = _compiled(_PLANTS[plant_key], selected, samples, substeps, (name,))
     return function
+
+
+def _compiled(
+    plant: Plant, selected: Sequence[str], samples: int, substeps: int, names: Sequence[str]
+) -> tuple[list[ca.Function], bool]:
+    """The chains, each with a twin that runs them side by side, and whether they are compiled.
+
+    With twins only a trajectory is compiled for a single interval too, since a run simulated from its start has one at a time.
+    """
+    chains, bodies = _chains(plant, selected, samples, substeps), _bodies(plant, selected, samples, substeps)
+    twins = side_by_side(_sample_functions(plant, selected, substeps), {name: bodies[name] for name in names}, PREFIX)
+    single = [name for name in names if not twins or name == "trajectory"]
+    built, done = compile_functions([chains[name] for name in single], PREFIX)
+    made = {name: chains[name] for name in names} | dict(zip(single, built, strict=True))
+    for name, twin in twins.items():
+        pair(made[name], twin)
+    return [made[name] for name in names], done or bool(twins)
 
 
 _PLANTS: dict[tuple, Plant] = {}

@@ -25,7 +25,7 @@ ROOMS: tuple[tuple[str, ...], ...] = (
     ("plausibility",),
     ("effect", "effects"),
     ("plant", "own_plant"),
-    ("step", "compiled", "mapped", "interval"),
+    ("step", "compiled", "lanes", "mapped", "interval"),
     ("simulate",),
     ("estimation",),
     ("model",),
