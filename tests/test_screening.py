@@ -73,7 +73,8 @@ def test_states_of_effects_follow_every_run_as_if_it_were_alone():
 
     alone = np.hstack([followed([run]) for run in runs])
     assert alone.shape[1] == 12 + 30 + 7 and np.all(np.ptp(alone[-3:], axis=1) > 0.0)
-    np.testing.assert_array_equal(followed(runs), alone)
+    # a run alone is stepped by other code than runs side by side, which rounds otherwise
+    np.testing.assert_allclose(followed(runs), alone, rtol=1e-10, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", [1, 3])
