@@ -229,8 +229,8 @@ def scaling(samples: int, _: argparse.Namespace) -> Row:
     beside = min(repeat(lambda: problem.evaluate_values(X), number=1, repeat=5))
     return {
         "samples": samples, "stage": found.stage, "seconds": wall, "cpu": cpu, "forward": once, "lanes": beside,
-        "memory": memory, "forwards": wall / once, "substeps": [problem.substeps, found.substeps], "solving": found.relaxed.seconds
-        + (found.exact.seconds if found.exact else 0.0),
+        "memory": memory, "forwards": wall / once, "substeps": [problem.substeps, found.substeps],
+        "solving": found.relaxed.seconds + (found.exact.seconds if found.exact else 0.0),
     }  # fmt: skip
 
 
