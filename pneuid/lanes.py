@@ -237,7 +237,8 @@ class SideBySide:
         edges = [min(tiles * k // threads * self._lanes, count) for k in range(threads + 1)] if threads > 1 else [0, count]
         jobs = [_pool(threads, os.getpid()).submit(run, first, last) for first, last in pairwise(edges[1:])]
         run(edges[0], edges[1])
-        wait(jobs)
+        if jobs:
+            wait(jobs)
 
 
 @lru_cache(maxsize=4)

@@ -18,6 +18,9 @@ SIZES = (4.0, 16.0)
 """Amplitudes, in units of their scales, from which an effect with a state of its own starts again: with a film that lags by
 17 to 50 ms, a fit from a few milliseconds ends at another optimum, whose static friction stands in for the lag."""
 
+NEXT_TO_NOTHING = 0.05
+"""Share of the excess of the standing model, below which what an effect leaves is no sign of a wrong optimum."""
+
 Say = Callable[[str], None]
 
 
@@ -30,7 +33,7 @@ def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: 
     """
     best = read_anew(trial, judge, refitter, say)
     sizes = large_starts(current, score, SIZES)
-    if best.whole - 1.0 < judge.small or not sizes:
+    if not sizes or best.whole - 1.0 < max(judge.small, NEXT_TO_NOTHING * (current.whole - 1.0)):
         return best
     say(f"{trial.added}: from other sizes")
     asked = [Asked(score.effect, start, score.gain, False, 1.0, anew) for start in sizes for anew in (False, True)]

@@ -10,7 +10,7 @@ from pneuid.criticism.defects import equation_defects
 from pneuid.criticism.jumps import jumped
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.restarts import Say, large_starts, read_anew, typical_start
+from pneuid.criticism.restarts import NEXT_TO_NOTHING, Say, large_starts, read_anew, typical_start
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
 from pneuid.estimation.fit import Fit, comparable_costs
@@ -266,7 +266,7 @@ def _tried(current: Trial, score: Score, make: Callable[[], Fit], judge: Judge, 
 
 def _all_explained(trial: Trial, current: Trial, judge: Judge) -> bool:
     """Whether a trial leaves next to nothing of what the standing model left."""
-    return trial.error - 1.0 < max(judge.small, 0.05 * (current.error - 1.0))
+    return trial.error - 1.0 < max(judge.small, NEXT_TO_NOTHING * (current.error - 1.0))
 
 
 def _set_out_small(current: Trial, score: Score) -> bool:
