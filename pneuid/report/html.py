@@ -10,6 +10,7 @@ import base64
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from html import escape
 from importlib import metadata
 from pathlib import Path
@@ -57,6 +58,11 @@ class Picture:
     alt: str
     caption: str = ""
 
+    @cached_property
+    def drawn(self) -> bytes:
+        """The figure as SVG, drawn once for the page and for its own file."""
+        return svg(self.figure)
+
 
 Part = Paragraph | Items | Table | Picture
 
@@ -81,7 +87,7 @@ def write_report(path: str | Path, title: str, sections: Sequence[Section]) -> N
         for picture in (part for part in section.parts if isinstance(part, Picture)):
             number += 1
             words = re.sub(r"[^a-z0-9]+", "_", picture.alt.lower()).strip("_")
-            (folder / f"{number:02d}_{words[:48].rstrip('_')}.svg").write_bytes(svg(picture.figure))
+            (folder / f"{number:02d}_{words[:48].rstrip('_')}.svg").write_bytes(picture.drawn)
     part = target.with_name(target.name + ".part")
     # a file name need not be valid text
     part.write_text(page(title, sections), encoding="utf-8", errors="replace")
@@ -138,7 +144,7 @@ def _table(table: Table) -> str:
 
 
 def _picture(picture: Picture) -> str:
-    encoded = base64.b64encode(svg(picture.figure)).decode("ascii")
+    encoded = base64.b64encode(picture.drawn).decode("ascii")
     caption = f"<figcaption>{escape(picture.caption)}</figcaption>" if picture.caption else ""
     return f'<figure><img alt="{escape(picture.alt)}" src="data:image/svg+xml;base64,{encoded}">{caption}</figure>'
 
