@@ -25,7 +25,7 @@ ROOMS: tuple[tuple[str, ...], ...] = (
     ("plausibility",),
     ("effect", "effects"),
     ("plant", "own_plant"),
-    ("step", "compiled", "lanes", "mapped", "interval"),
+    ("step", "compiled", "vectors", "lanes", "mapped", "interval"),
     ("simulate",),
     ("estimation",),
     ("model",),

@@ -18,9 +18,10 @@ from pneuid.compiled import compiled_library
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.preparation import noise_of, prepare
 from pneuid.interval import interval_function, jacobian_function
-from pneuid.lanes import _OPERATIONS, Body, NoLanesError, SideBySide, side_by_side, source
+from pneuid.lanes import Body, SideBySide, side_by_side, source
 from pneuid.mapped import Mapped
 from pneuid.plant import Plant
+from pneuid.vectors import OPERATIONS, NoLanesError
 
 K, SUBSTEPS = 5, 2
 WIDTHS = (4, 8)
@@ -72,7 +73,7 @@ def test_every_operation_gives_casadis_number(lanes):
     x, y = s[0], theta[1]
     function = part([make(x) for make in UNARY.values()] + [make(x, y) for make in BINARY.values()], s, theta)
     used = {function.instruction_id(k) for k in range(function.n_instructions())}
-    assert set(_OPERATIONS) - used <= {ca.OP_ASSIGN}, "an operation that no line of this test makes"
+    assert set(OPERATIONS) - used <= {ca.OP_ASSIGN}, "an operation that no line of this test makes"
     rng = np.random.default_rng(5)
     given_s, given_theta = rng.normal(0.0, 3.0, (37, 2)), rng.normal(0.0, 3.0, (37, 2))
     given_s[:3, 0], given_theta[3:6, 1] = (0.0, 1.0, -1.0), given_s[3:6, 0]
@@ -116,7 +117,7 @@ def test_any_number_of_intervals_on_any_number_of_threads(lanes, threads, count)
 
 
 def test_an_operation_without_c_leaves_the_intervals_one_by_one(monkeypatch):
-    monkeypatch.setattr("pneuid.lanes._OPERATIONS", {})
+    monkeypatch.setattr("pneuid.vectors.OPERATIONS", {})
     s, theta = ca.SX.sym("s"), ca.SX.sym("theta")
     with pytest.raises(NoLanesError):
         source({"part": part([ca.sin(s)], s, theta)}, {"one": Body("", ("part",), {}, {})}, 4)
