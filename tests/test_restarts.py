@@ -52,6 +52,8 @@ class _Starts:
         return fit
 
 
+NEXT_TO_NOTHING = 1.0 + 0.04 * (FIRST.whole - 1.0)
+
 ENDS = {(0.02, False): 90.0, (0.02, True): 70.0, (0.08, False): 40.0, (0.08, True): 500.0}
 """Squared error on the training runs where lags of 4 and 16 scales lead."""
 
@@ -77,9 +79,12 @@ def test_a_state_of_its_own_starts_from_several_sizes_and_the_best_on_the_traini
 
 
 @pytest.mark.parametrize(
-    ("name", "servo", "left"), [("gravity", True, 90.0), ("friction_lag", False, 90.0), ("friction_lag", True, 1.1)]
+    ("name", "servo", "left"),
+    [("gravity", True, 90.0), ("friction_lag", False, 90.0), *(("friction_lag", True, left) for left in (1.1, NEXT_TO_NOTHING))],
 )
-def test_an_effect_without_a_state_a_bench_and_one_that_leaves_noise_are_spared_other_sizes(name, servo, left, monkeypatch):
+def test_an_effect_without_a_state_a_bench_and_one_that_leaves_next_to_nothing_are_spared_other_sizes(
+    name, servo, left, monkeypatch
+):
     refitter, found = _settled(monkeypatch, name, servo, left)
     assert not refitter.asked and found.error == left
 
