@@ -80,7 +80,7 @@ def test_a_state_of_its_own_starts_from_several_sizes_and_the_best_on_the_traini
 
 @pytest.mark.parametrize(
     ("name", "servo", "left"),
-    [("gravity", True, 90.0), ("friction_lag", False, 90.0), *(("friction_lag", True, left) for left in (1.1, NEXT_TO_NOTHING))],
+    [("gravity", True, 90.0), ("friction_lag", False, 90.0), *(("friction_lag", True, one) for one in (1.1, NEXT_TO_NOTHING))],
 )
 def test_an_effect_without_a_state_a_bench_and_one_that_leaves_next_to_nothing_are_spared_other_sizes(
     name, servo, left, monkeypatch
