@@ -6,10 +6,12 @@
 
 Each case records three training and two held-out runs with noise and quantisation on the independent virtual rig, whose
 effects have forms unlike the catalogue's, fits the base model, diagnoses, and writes one line. One mix of excitations
-serves every case, null cases included: multisine, moves to the ends with rests of 0.05 to 2 s, slow ramps. Categories:
+serves every case but the varied ones, null cases included: multisine, moves to the ends with rests of 0.05 to 2 s, slow
+ramps. Categories:
 
 - ``servo``: each effect, weak and strong, at the default bore, half and twice of it
 - ``bench``: the same on the friction bench, friction laws that are too simple included
+- ``varied``: each effect with rig, excitations, strength and form drawn at random (``varied_cases.py``)
 - ``pair``: two effects at once; ``outside``: effects that the catalogue does not hold
 - ``null``: random rigs (bore 10 to 200 mm, 0.1 to 100 kg, 100 Hz to 10 kHz) and the default one, nothing hidden; ``sheet``: the
   same with mass, dead volumes and critical ratio some 3 % off in the rig file, where naming just these is no false alarm
@@ -34,6 +36,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from varied_cases import Run, drawn_bench, drawn_hidden, drawn_motions, drawn_plan, drawn_servo
 
 from pneuid import api
 from pneuid.criticism.decision import diagnose
@@ -53,6 +56,7 @@ from pneuid.virtual_rig import (
     SERVO_SENSORS,
     Friction,
     Hidden,
+    Motion,
     RandomBench,
     RandomServo,
     Sheet,
@@ -68,8 +72,10 @@ from pneuid.virtual_rig import (
     strokes,
 )
 
-PLAN = (("multisine", 3 / 7), ("travel", 5 / 7), ("slow", 1.0), ("multisine", 5 / 7), ("travel", 1.0))
-"""Excitation and supply, over the rig's highest, of three training runs and two held-out ones."""
+PLAN = [
+    Run("multisine", 3 / 7), Run("travel", 5 / 7), Run("slow", 1.0), Run("multisine", 5 / 7), Run("travel", 1.0)
+]  # fmt: skip
+"""Three training runs and two held-out ones, of all but the varied cases."""
 
 TRAINING = 3
 TOP_SUPPLY = 7e5  # Pa gauge, of the rigs that are not drawn at random
@@ -118,6 +124,9 @@ def cases(seeds: Sequence[int], nulls: Sequence[int]) -> Iterator[Case]:
             yield from (Case("servo", size, (name,), level, seed) for name in HIDDEN_EFFECTS)
             yield from (Case("bench", size, (name,), level, seed) for name in BENCH_EFFECTS)
         yield from (Case("bench", "default", (law,), "strong", seed) for law in LAWS)
+        yield from (Case("varied", "random", (name,), "drawn", _own(seed, j)) for j, name in enumerate(HIDDEN_EFFECTS))
+        yield from (Case("varied", "random bench", (name,), "drawn", _own(seed, j)) for j, name in enumerate(BENCH_EFFECTS))
+        yield from (Case("varied", rig, (), "none", _own(seed, 100)) for rig in ("random", "random bench"))
         yield from (Case("pair", "default", pair, ("strong", "weak")[i % 2], seed) for pair in PAIRS)
         for name, item in OUTSIDE_EFFECTS.items():
             yield from (Case("outside", rig, (name,), ("strong", "weak")[i % 2], seed) for rig in item.rigs)
@@ -125,6 +134,11 @@ def cases(seeds: Sequence[int], nulls: Sequence[int]) -> Iterator[Case]:
         yield Case("null", ("random", "random", "random bench", "default")[i % 4], (), "none", seed)
         if i % 5 == 0:
             yield Case("sheet", "random", (), "none", seed)
+
+
+def _own(seed: int, number: int) -> int:
+    """A seed of its own for each varied case, so that every one has another rig."""
+    return seed * 1000 + number
 
 
 def in_catalogue(case: Case) -> bool:
@@ -137,20 +151,22 @@ def in_catalogue(case: Case) -> bool:
 
 def hidden_of(case: Case, bore: float) -> Hidden:
     """What hides in a rig of that bore [m]."""
-    hidden, on_bench = NOTHING, case.category == "bench"
+    hidden, presets = NOTHING, BENCH_EFFECTS if on_bench(case) else HIDDEN_EFFECTS
+    if case.category == "varied":
+        return drawn_hidden(presets[case.names[0]]["strong"], bore, case.seed) if case.names else NOTHING
     for name in case.names:
         if name in LAWS:
             continue
-        if name in OUTSIDE_EFFECTS:
-            one = getattr(OUTSIDE_EFFECTS[name], case.level)
-        else:
-            one = (BENCH_EFFECTS if on_bench else HIDDEN_EFFECTS)[name][case.level]
+        one = getattr(OUTSIDE_EFFECTS[name], case.level) if name in OUTSIDE_EFFECTS else presets[name][case.level]
         hidden = hidden.also(one)
     return in_proportion(hidden, bore)
 
 
 def servo_rig(case: Case) -> tuple[RandomServo, float]:
     """The rig of a servo case, and its highest supply, Pa gauge."""
+    if case.category == "varied":
+        drawn = drawn_servo(case.seed)
+        return drawn, drawn.truth.supply - ATMOSPHERE
     if case.rig == "random":
         drawn = random_servo(case.seed, SHEET_ERROR if case.category == "sheet" else 0.0)
         return drawn, drawn.truth.supply - ATMOSPHERE
@@ -162,24 +178,27 @@ def servo_runs(case: Case) -> tuple[list[Recording], list[Recording], Rig]:
     """Training runs, held-out runs and the rig file of a servo case."""
     drawn, top = servo_rig(case)
     duration = float(np.clip(6.0, 1500.0 / drawn.rate, max(3.0, 15000.0 / drawn.rate)))
-    supplies = {f"run_{i + 1}.csv": share * top for i, (_, share) in enumerate(PLAN)}
+    plan = drawn_plan(case.seed) if case.category == "varied" else PLAN
+    supplies = {f"run_{i + 1}.csv": run.supply * top for i, run in enumerate(plan)}
     rig = Rig.from_dict(tomllib.loads(drawn.rig_toml(supplies)))
     hidden = hidden_of(case, drawn.truth.bore)
     runs = [
         Recording.from_arrays(
             name, rig,
             **record_servo(
-                drawn.truth, hidden, excitation, duration, case.seed * 100 + i, supply=supply + ATMOSPHERE,
+                drawn.truth, hidden, run.excitation, duration, case.seed * 100 + i, supply=supply + ATMOSPHERE,
                 rate=drawn.rate, sensors=drawn.sensors,
             ),
         )
-        for i, ((excitation, _), (name, supply)) in enumerate(zip(PLAN, supplies.items(), strict=True))
+        for i, (run, (name, supply)) in enumerate(zip(plan, supplies.items(), strict=True))
     ]  # fmt: skip
     return runs[:TRAINING], runs[TRAINING:], rig
 
 
 def bench_rig(case: Case) -> RandomBench:
     """The rig of a bench case."""
+    if case.category == "varied":
+        return drawn_bench(case.seed)
     if case.rig == "random bench":
         return random_bench(case.seed)
     ratio = BORES[case.rig] / 0.032
@@ -189,17 +208,23 @@ def bench_rig(case: Case) -> RandomBench:
     return RandomBench(truth, replace(BENCH_SENSORS, F_noise=0.2 * ratio), Sheet())
 
 
-def bench_runs(case: Case) -> tuple[list[Recording], list[Recording], Rig]:
-    """Training runs, held-out runs and the rig file of a bench case."""
-    rng, drawn = np.random.default_rng((case.seed, 3)), bench_rig(case)
+def _motions(seed: int) -> list[tuple[Motion, float, float]]:
+    """Motion and the two pressures [Pa gauge] of three training runs and two held-out ones of a bench case."""
+    rng = np.random.default_rng((seed, 3))
     speeds = [np.exp(rng.uniform(np.log(5e-4), np.log(0.15), 4)).tolist() for _ in range(2)]
-    rig = Rig.from_dict(tomllib.loads(drawn.rig_toml("coulomb" if case.names and case.names[0] in LAWS else "lugre")))
-    hidden = hidden_of(case, drawn.truth.bore)
-    plan = (
+    return [
         (strokes(speeds[0], longest=0.8, dwell=0.1), 3e5, 2e5), (reciprocation(amplitude=0.4e-3, turning=0.04), 1e5, 4e5),
         (strokes(speeds[1][:2], longest=0.8, dwell=1.0), 5e5, 1e5), (strokes(speeds[1], longest=0.8, dwell=0.4), 4e5, 3e5),
         (sine(amplitude=rng.uniform(0.02, 0.08), frequency=rng.uniform(0.3, 1.0), cycles=3), 2e5, 5e5),
-    )  # fmt: skip
+    ]  # fmt: skip
+
+
+def bench_runs(case: Case) -> tuple[list[Recording], list[Recording], Rig]:
+    """Training runs, held-out runs and the rig file of a bench case."""
+    drawn = bench_rig(case)
+    plan = drawn_motions(case.seed) if case.category == "varied" else _motions(case.seed)
+    rig = Rig.from_dict(tomllib.loads(drawn.rig_toml("coulomb" if case.names and case.names[0] in LAWS else "lugre")))
+    hidden = hidden_of(case, drawn.truth.bore)
     runs = [
         Recording.from_arrays(
             f"bench_{i}.csv", rig,
@@ -261,7 +286,7 @@ def solve(case: Case) -> dict[str, Any]:
 def marks(row: dict[str, Any]) -> dict[str, bool]:
     """What was right in one case, by the columns that apply to its category."""
     names, effects, verdict = row["names"], row["effects"], row["verdict"]
-    if row["category"] in ("null", "sheet"):
+    if not names:
         allowed = SHEET_EFFECTS if row["category"] == "sheet" else set()
         quiet = verdict == "adequate" or (bool(effects) and set(effects) <= allowed)
         return {"false alarms": not quiet and verdict != "failed"}
