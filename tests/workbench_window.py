@@ -16,8 +16,11 @@ import subprocess
 import sys
 import time
 import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import psutil
 import pytest
 from PIL import Image
 
@@ -102,6 +105,19 @@ class Site:
             else:
                 return time.monotonic() - self.began
         raise AssertionError("the workbench did not come up")
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Its computing processes stand still: what runs in them cannot end before a window has pressed Cancel."""
+        computing = psutil.Process(self.process.pid).children(recursive=True)
+        for one in computing:
+            one.suspend()
+        try:
+            yield
+        finally:
+            for one in computing:
+                with suppress(psutil.NoSuchProcess):  # the one whose job was cancelled
+                    one.resume()
 
     def stop(self) -> int:
         self.process.send_signal(signal.SIGINT)
