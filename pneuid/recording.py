@@ -319,7 +319,7 @@ def _check_position(x: FloatArray, source: _Source, rig: Rig) -> None:
             sample = int(np.argmax(outside))
             raise UserError(
                 f"{source.place('x', sample)}: {source.raw('x', sample)} ({x[sample] * 1e3:.6g} mm) is outside the "
-                f"stroke, 0 to {rig.stroke * 1e3:g} mm; x counts from the cap end (columns.x gain, offset)"
+                f"stroke, 0 to {rig.stroke * 1e3:g} mm; check the unit of x; x counts from the cap end (columns.x gain, offset)"
             )
     travel, least = float(np.ptp(x)), LEAST_TRAVEL[rig.kind]
     if travel < least:

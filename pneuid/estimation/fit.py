@@ -275,7 +275,7 @@ def result_of(end: End, noise: dict[str, float], seconds: float) -> Fit:
 def _words(end: End, misfit: float) -> str:
     """How a fit has ended, in words."""
     if end.hard is not None:
-        words = f"exact: continuity holds everywhere ({end.hard.outcome.status})"
+        words = "exact: continuity holds everywhere"
         if misfit > MISFIT:
             words += f"; residual {np.sqrt(misfit):.1f} times the sensors' noise, standard errors widened by as much"
         elif end.doubtful:

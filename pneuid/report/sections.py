@@ -46,6 +46,11 @@ ATMOSPHERE = 101325.0
 
 ROLES = {"train": "training", "hold_out": "held-out"}
 
+PRESSURE_LAWS = (
+    "Fc, Fs, vs and sigma2 are the values at zero gauge pressure. What p1 and p1 - p2 add to them: k1 and k2 to Fc, "
+    "k3 and k4 to Fs, k5 and k6 to vs, k7 and k8 to sigma2."
+)
+
 
 # --- what it says ---
 
@@ -138,14 +143,17 @@ def parameters(model: Model) -> Section:
     rows = tuple(_parameter_row(item, owned) for item in model.parameters)
     weak = frozenset(k for k, item in enumerate(model.parameters) if item.verdict == "not visible")
     heads = ("parameter", "value", "± std", "unit", "bounds", "verdict", *(("from",) if owned else ()))
-    table = Table(heads, rows, "lrrnnn" + "l" * owned, "Standard errors are 1-sigma.", weak)
+    caption = "Standard errors are 1-sigma." if model.fit.stage == "exact" else ""
+    table = Table(heads, rows, "lrrnnn" + "l" * owned, caption, weak)
     parts: list[Part] = stage_note(model)
     if "friction_pressure" in model.effects:
-        parts.append(Paragraph("Fc, Fs, vs and sigma2 are the values at zero gauge pressure.", "note"))
+        parts.append(Paragraph(PRESSURE_LAWS, "note"))
     fit = model.fit
+    exact, relaxed = "1 when only noise is left", "between jumps, which take up what the model does not explain"
+    left = exact if fit.stage == "exact" else relaxed
     about = (
         f"Fit: {fit.status}; {fit.solver}, {_count(fit.iterations, 'iteration')}, {number(fit.seconds, 2)} s; "
-        f"mean squared weighted residual {number(fit.cost_per_sample)} (1 when only noise is left)."
+        f"mean squared weighted residual {number(fit.cost_per_sample)} ({left})."
     )
     shapes = tuple(shape(curve, model.rig.patm) for curve in model.curves)
     return Section("Parameters", (*parts, table, Paragraph(about), *shapes))
@@ -326,7 +334,7 @@ def diagnosis_verdict(diagnosis: Diagnosis, patm: float = ATMOSPHERE) -> Section
     if rest is not None and rest.curve is not None:
         parts.append(shape(rest.curve, patm))
     if diagnosis.sentences:
-        parts.append(Items(tuple(f"{text[:1].upper()}{text[1:]}." for text in diagnosis.sentences)))
+        parts.append(Items(tuple(f"{_capital(text)}." for text in diagnosis.sentences)))
     following = diagnosis.next_experiment
     if following:
         file = f" Command file: {following['file']}." if following.get("file") else ""
@@ -334,6 +342,11 @@ def diagnosis_verdict(diagnosis: Diagnosis, patm: float = ATMOSPHERE) -> Section
         odds = f" Chance that it decides: {percent(power)}." if power else ""
         parts.append(Paragraph(f"Next experiment: {following.get('why', '')}.{file}{odds}".replace("..", "."), "note"))
     return Section("Verdict", tuple(parts))
+
+
+def _capital(text: str) -> str:
+    """With a capital at the start, unless that is the name of an effect."""
+    return text if "_" in text.split(maxsplit=1)[0] else f"{text[:1].upper()}{text[1:]}"
 
 
 def ranking_section(diagnosis: Diagnosis) -> Section:
