@@ -243,7 +243,8 @@ def _conversion(signal: str, column: str | int, table: RawTable, rig: Rig, where
     if unit is None:
         example = SIGNALS[signal].display_unit
         raise UserError(
-            f"{place} has no unit; write {signal} [{example}] in the header, or give its unit in [columns] in rig.toml"
+            f"{place} has no unit; write {signal} [{example}] in the header, give its unit in [columns] in rig.toml, or "
+            "write units = true below [files] where the line below the header states them"
         )
     if stated is not None and header is not None and stated != header:
         # mm and millimeter agree; bar and kPa do not, and either could be the one that is wrong.

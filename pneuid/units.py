@@ -12,6 +12,8 @@ from pneuid.errors import UserError
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _UNIT = re.compile(r"[\w */^()·⋅⁻°%.-]*")
+_WITH_REFERENCE = re.compile(r"(Pa|hPa|kPa|MPa|mbar|bar|psi|atm) ?\(?(?:g|a|abs|gauge)\)?", re.IGNORECASE)
+"""A unit of pressure with its reference, as gauges have it: barg, psia, bar(g), bar abs."""
 _SHOWN_CHARACTERS = 60
 
 
@@ -38,7 +40,13 @@ def _parse_unit(unit: str) -> pint.Unit:
     try:
         return _registry().Unit(unit)
     except Exception as error:  # pint raises many kinds for text that is not a unit
-        raise UnitProblem(f"{shown(unit)} is not a unit; write for example mm, kPa or N") from error
+        of_pressure = _WITH_REFERENCE.fullmatch(unit.strip())
+        hint = (
+            f"{of_pressure[1]}; [conventions] pressure in rig.toml says whether pressures are gauge or abs"
+            if of_pressure
+            else "for example mm, kPa or N"
+        )
+        raise UnitProblem(f"{shown(unit)} is not a unit; write {hint}") from error
 
 
 @lru_cache(maxsize=512)

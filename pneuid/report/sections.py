@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from pneuid.criticism.comparison import Comparison, SignalError
-from pneuid.criticism.diagnosis import Candidate, Diagnosis
+from pneuid.criticism.diagnosis import NOT_SHOWN, NOTHING_MISSING, Candidate, Diagnosis
 from pneuid.criticism.ladder import Rung
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.curves import Curve
@@ -298,7 +298,7 @@ def _signal_error(name: str, value: float | None) -> str:
 
 
 _VERDICTS: dict[str, tuple[str, Literal["good", "warning"]]] = {
-    "adequate": ("Nothing is missing above the noise.", "good"),
+    "adequate": (f"{NOTHING_MISSING.capitalize()}.", "good"),
     "effect": ("Missing from the model: NAMES.", "warning"),
     "ambiguous": ("Something is missing; these data cannot tell apart: NAMES.", "warning"),
     "unknown": ("Something is missing that the catalogue does not hold.", "warning"),
@@ -316,6 +316,8 @@ def shape(curve: Curve, patm: float) -> Picture:
 def diagnosis_verdict(diagnosis: Diagnosis, patm: float = ATMOSPHERE) -> Section:
     """What is missing, in words, and what to record next; ``patm`` is atmospheric pressure, Pa."""
     words, kind = _VERDICTS.get(diagnosis.verdict, (diagnosis.verdict, "warning"))
+    if diagnosis.verdict == "adequate" and NOTHING_MISSING not in diagnosis.sentences:
+        words, kind = f"{NOT_SHOWN.capitalize()}.", "warning"
     parts: list[Part] = [
         Paragraph(words.replace("NAMES", ", ".join(diagnosis.effects)), "good" if kind == "good" else "warning")
     ]
@@ -333,8 +335,9 @@ def diagnosis_verdict(diagnosis: Diagnosis, patm: float = ATMOSPHERE) -> Section
         )
     if rest is not None and rest.curve is not None:
         parts.append(shape(rest.curve, patm))
-    if diagnosis.sentences:
-        parts.append(Items(tuple(f"{_capital(text)}." for text in diagnosis.sentences)))
+    said = [text for text in diagnosis.sentences if text != NOTHING_MISSING]
+    if said:
+        parts.append(Items(tuple(f"{_capital(text)}." for text in said)))
     following = diagnosis.next_experiment
     if following:
         file = f" Command file: {following['file']}." if following.get("file") else ""

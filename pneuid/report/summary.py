@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from pneuid.criticism.comparison import Comparison, SignalError
-from pneuid.criticism.diagnosis import Candidate, Diagnosis
+from pneuid.criticism.diagnosis import NOT_SHOWN, NOTHING_MISSING, Candidate, Diagnosis
 from pneuid.signals import SIGNALS
 from pneuid.units import to_display
 
@@ -67,9 +67,8 @@ def _tested(item: Candidate) -> str:
 
 def verdict_lines(diagnosis: Diagnosis) -> list[str]:
     """The verdict and its evidence, a line each."""
-    quiet = "nothing is missing above the noise"
     words = {
-        "adequate": quiet if quiet in diagnosis.sentences else "these runs do not show that an effect is missing",
+        "adequate": NOTHING_MISSING if NOTHING_MISSING in diagnosis.sentences else NOT_SHOWN,
         "effect": f"missing: {', '.join(diagnosis.effects)}",
         "ambiguous": f"missing: one of {', '.join(diagnosis.effects)}; these data cannot tell which",
         "unknown": "something is missing that the catalogue does not hold",
