@@ -239,6 +239,13 @@ def test_every_check_has_a_slip_that_triggers_it():
     assert {case[0] for case in (*SERVO_SLIPS.values(), *BENCH_SLIPS.values())} | {"sample_rate", "misnamed_run"} == set(CHECKS)
 
 
+def test_the_unit_that_the_rig_file_states_is_the_one_suspected():
+    columns = {"p1": {"column": "A", "unit": "kPa"}, "p2": {"column": "B", "unit": "kPa"}}
+    rig = Rig.from_dict({**SERVO, "columns": columns, "supply": {"pressure": "5 bar"}, "runs": {}})
+    record = Recording.from_arrays("run.csv", rig, **unit_slip(record_of(Stand()), 0.01))
+    assert "(bar written as kPa)" in check_recordings(rig, [record])[0].suspected
+
+
 @pytest.mark.parametrize("written", ["log_mon_2.csv", "data/Log-Mon2.csv", "log_mon2.txt"])
 def test_a_table_of_a_run_under_another_name_is_named(written):
     rig = replace(servo_rig(Stand()), runs={written: RunSettings(supply=4e5)})

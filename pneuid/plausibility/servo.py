@@ -162,7 +162,8 @@ def unit_of_pressure(rig: Rig, runs: Sequence[Recording]) -> Finding | None:
         # a leaking or slowly driven rig may stay at low pressure; then the valve's flow still fits the pressures
         if lines is None or max(abs(line.flow) for line in lines) > 0.5:
             return None
-    names = factors_into(share)
+    column = rig.columns.get(which[:2])
+    names = factors_into(share, stated=column.unit if column else None)
     whose = "p1 and p2, or that of the supply," if which == "p1, p2" else which
     slip = f"the unit of {whose} is wrong{f' ({names})' if names else ''}"
     who = "the chambers reach" if which == "p1, p2" else "this chamber reaches"
