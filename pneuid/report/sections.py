@@ -164,7 +164,8 @@ def _parameter_row(item: Estimate, owned: bool) -> tuple[str, ...]:
     value, std = with_error(item.value * factor, None if item.std is None else item.std * factor)
     bounds = f"{number(item.lower * factor)} to {number(item.upper * factor)}"
     name = item.name if item.run is None else f"{item.name} (run {item.run})"
-    return name, value, std, unit, bounds, item.verdict, *((item.effect or "base model",) if owned else ())
+    verdict = "—" if item.std is None and item.verdict == "weakly determined" else item.verdict  # nothing was weighed
+    return name, value, std, unit, bounds, verdict, *((item.effect or "base model",) if owned else ())
 
 
 def errors(comparison: Comparison) -> Section:
