@@ -67,7 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     folder = result_folder(given.out, "compare", embedded, given.overwrite)
     warn(model.content.rig, [*runs, *held])
     with Progress() as progress:
-        progress.doing(f"simulating {len(runs) + len(held)} runs")
+        count = len(runs) + len(held)
+        progress.doing(f"simulating {count} run{'s' if count > 1 else ''}")
         comparison = model.compare(runs, held)
     write_json(folder / "metrics.json", metrics_json(comparison))
     compare_report(folder / "report.html", comparison)
@@ -79,8 +80,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
         console.print("next: python -m pneuid.diagnose")
     else:
         out = next_folder(folder, f"{folder.name}_diagnosed")
-        line = command_line("pneuid.diagnose", given.model, data=given.data, effect_file=given.effect_file, out=[out])
+        data, hold_out = _roles(model, given.data)
+        line = command_line(
+            "pneuid.diagnose", given.model, data=data, hold_out=hold_out, effect_file=given.effect_file, out=[out]
+        )
         console.print(f"next: {line}")
+
+
+def _roles(model: api.IdentifiedModel, compared: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Runs to train on and to hold out in a diagnosis: those that the model was fitted to, where they lie beside those
+    compared, and the others compared; all compared to train on where they do not."""
+    fitted = {item.file for item in model.content.data if item.role == "train"}
+    found = {Path(path).name: path for path in compared}
+    for name in sorted(fitted - found.keys()):
+        near = next((place for path in compared if (place := Path(path).with_name(name)).is_file()), None)
+        if near is not None:
+            found[name] = str(near)
+    others = [path for path in compared if Path(path).name not in fitted]
+    if not others or not fitted <= found.keys():
+        return list(compared), []
+    return [found[name] for name in sorted(fitted)], others
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from pneuid import api
 from pneuid.compare import demo_model
-from pneuid.criticism.diagnosis import Diagnosis
+from pneuid.criticism.diagnosis import NOTHING_MISSING, Diagnosis
 from pneuid.criticism.ladder import to_json
 from pneuid.errors import UserError
 from pneuid.pool import Pool, open_pool
@@ -107,13 +107,17 @@ def _next(
     diagnosis: Diagnosis, path: Path, files: tuple[Sequence[str], Sequence[str]], folder: Path, own: Sequence[str]
 ) -> str:
     if diagnosis.verdict == "adequate":
-        return f"nothing is left to add; {path} is ready for use"
+        if NOTHING_MISSING in diagnosis.sentences:
+            return f"nothing is left to add; {path} is ready for use"
+        return f"record what the sentences above ask for before {path} is used beyond its training runs"
     unknown = diagnosis.unknown.effect if diagnosis.verdict == "unknown" and diagnosis.unknown else None
-    if diagnosis.verdict != "effect" and unknown is None:
+    if diagnosis.verdict == "ambiguous":
         if diagnosis.command is not None:
             again = "diagnose again with one recording among --data and the other among --hold-out"
             return f"play {folder / 'next.csv'} on the rig twice, and {again}"
-        return "look at the report, then record what it asks for"
+        return "look at the report, then measure what it asks for"
+    if not diagnosis.effects and unknown is None:
+        return "look in the report at the first of the ranking and at where it fails; record more runs of that kind"
     out = next_folder(path.parent, f"{path.parent.name}_better")
     data, hold_out = ([*files[0], *files[1]], []) if diagnosis.by_all_runs else files
     return command_line(

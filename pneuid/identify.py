@@ -85,7 +85,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     folder = result_folder(given.out, "identify", embedded, given.overwrite)
     warn(runs.rig, [*runs.train, *runs.hold_out])
     with Progress() as progress:
-        progress.doing(f"fitting {len(runs.train)} runs, {sum(run.n for run in runs.train)} samples")
+        count = len(runs.train)
+        progress.doing(f"fitting {count} run{'s' if count > 1 else ''}, {sum(run.n for run in runs.train)} samples")
         try:
             model = api.fit(
                 runs.rig, runs.train, add=add, drop=drop, friction=friction, name=folder.name, effect_files=given.effect_file,

@@ -224,6 +224,8 @@ def load(path: str | Path, own: Sequence[Effect] = ()) -> Model:
     Raises ``UserError`` naming the file and key for anything that is not a model of this program, and where an effect's
     file is missing or has changed.
     """
+    if Path(path).is_dir():
+        raise UserError(f"{path}: is a folder; name the model in it, such as {Path(path) / 'model.json'}")
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

@@ -243,7 +243,8 @@ def _conversion(signal: str, column: str | int, table: RawTable, rig: Rig, where
     if unit is None:
         example = SIGNALS[signal].display_unit
         raise UserError(
-            f"{place} has no unit; write {signal} [{example}] in the header, or give its unit in [columns] in rig.toml"
+            f"{place} has no unit; write {signal} [{example}] in the header, give its unit in [columns] in rig.toml, or "
+            "write units = true below [files] where the line below the header states them"
         )
     if stated is not None and header is not None and stated != header:
         # mm and millimeter agree; bar and kPa do not, and either could be the one that is wrong.
@@ -319,7 +320,7 @@ def _check_position(x: FloatArray, source: _Source, rig: Rig) -> None:
             sample = int(np.argmax(outside))
             raise UserError(
                 f"{source.place('x', sample)}: {source.raw('x', sample)} ({x[sample] * 1e3:.6g} mm) is outside the "
-                f"stroke, 0 to {rig.stroke * 1e3:g} mm; x counts from the cap end (columns.x gain, offset)"
+                f"stroke, 0 to {rig.stroke * 1e3:g} mm; check the unit of x; x counts from the cap end (columns.x gain, offset)"
             )
     travel, least = float(np.ptp(x)), LEAST_TRAVEL[rig.kind]
     if travel < least:

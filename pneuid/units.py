@@ -12,6 +12,8 @@ from pneuid.errors import UserError
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _UNIT = re.compile(r"[\w */^()·⋅⁻°%.-]*")
+_WITH_REFERENCE = re.compile(r"(Pa|hPa|kPa|MPa|mbar|bar|psi|atm) ?\(?(?:g|a|abs|gauge)\)?", re.IGNORECASE)
+"""A unit of pressure with its reference, as gauges have it: barg, psia, bar(g), bar abs."""
 _SHOWN_CHARACTERS = 60
 
 
@@ -38,7 +40,13 @@ def _parse_unit(unit: str) -> pint.Unit:
     try:
         return _registry().Unit(unit)
     except Exception as error:  # pint raises many kinds for text that is not a unit
-        raise UnitProblem(f"{shown(unit)} is not a unit; write for example mm, kPa or N") from error
+        of_pressure = _WITH_REFERENCE.fullmatch(unit.strip())
+        hint = (
+            f"{of_pressure[1]}; [conventions] pressure in rig.toml says whether pressures are gauge or abs"
+            if of_pressure
+            else "for example mm, kPa or N"
+        )
+        raise UnitProblem(f"{shown(unit)} is not a unit; write {hint}") from error
 
 
 @lru_cache(maxsize=512)
@@ -82,7 +90,7 @@ def parse_quantity(text: object, si_unit: str) -> float:
     """
     if not isinstance(text, str):
         number = shown(text) if isinstance(text, int | float) and not isinstance(text, bool) else "1.0"
-        raise UnitProblem(f'{shown(text)} has no unit; write a string with a unit, such as "{number} {si_unit}"')
+        raise UnitProblem(f'{shown(text)} has no unit; write a string with a unit, such as "{number} {_usual(si_unit)}"')
     stripped = text.strip()
     if stripped.lower().lstrip("+-").startswith(("nan", "inf")):
         raise UnitProblem(f"{shown(text)} is not a finite number")
@@ -96,9 +104,14 @@ def parse_quantity(text: object, si_unit: str) -> float:
     if not math.isfinite(value):
         raise UnitProblem(f"{shown(text)} is not a finite number")
     if not unit and not _parse_unit(si_unit).dimensionless:
-        raise UnitProblem(f'{shown(text)} has no unit; write for example "{number} {si_unit}"')
+        raise UnitProblem(f'{shown(text)} has no unit; write for example "{number} {_usual(si_unit)}"')
     factor, offset = _affine(unit, si_unit)
     return factor * value + offset
+
+
+def _usual(si_unit: str) -> str:
+    """Unit in which such a quantity is mostly written down, for an example."""
+    return {"Pa": "bar", "m": "mm", "m^3": "cm^3"}.get(si_unit, si_unit)
 
 
 def quantity(text: object, si_unit: str, where: str) -> float:

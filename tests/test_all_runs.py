@@ -12,7 +12,7 @@ from trials import score, stub
 from pneuid.criticism import all_runs as module
 from pneuid.criticism import walk
 from pneuid.criticism.all_runs import beyond_doubt, least_shown, shown, within_a_sample
-from pneuid.criticism.diagnosis import Candidate, Diagnosis
+from pneuid.criticism.diagnosis import NOTHING_MISSING, Candidate, Diagnosis
 from pneuid.criticism.walk import Walk, explained_away
 from pneuid.diagnose import _next
 from pneuid.effects import CATALOGUE
@@ -219,6 +219,20 @@ def test_only_times_are_counted_in_samples():
 )
 def test_the_next_command_fits_to_the_runs_that_showed_the_effect(by_all, said):
     found = Diagnosis("effect", ("load_mass",), (), by_all_runs=by_all)
+    assert said in _next(found, Path("monday/model.json"), (["a.csv"], ["b.csv"]), Path("why"), [])
+
+
+@pytest.mark.parametrize(
+    ("found", "said"),
+    [
+        (Diagnosis("adequate", (), (), sentences=(NOTHING_MISSING,)), "ready for use"),
+        (Diagnosis("adequate", (), (), sentences=("the training runs leave it open",)), "record what the sentences"),
+        (Diagnosis("unknown", ("load_mass",), ()), "--add load_mass"),
+        (Diagnosis("unknown", (), ()), "first of the ranking"),
+        (Diagnosis("ambiguous", ("load_mass", "gravity"), ()), "measure what it asks for"),
+    ],
+)
+def test_what_comes_next_follows_from_the_verdict(found, said):
     assert said in _next(found, Path("monday/model.json"), (["a.csv"], ["b.csv"]), Path("why"), [])
 
 

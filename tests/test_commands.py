@@ -569,6 +569,7 @@ def test_each_command_says_where_its_report_is_and_what_comes_next(story):
         assert lines[-2] == f"report: {Path(folder) / 'report.html'}"
         assert lines[-1].startswith("next: python -m pneuid.")
     assert "--hold-out held.csv" in following(story.printed["fit"])
+    assert "--data train_1.csv train_2.csv --hold-out held.csv" in following(story.printed["compare"])
     assert following(story.printed["better"]).endswith("--out fit_better_diagnosed")
 
 

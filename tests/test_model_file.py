@@ -213,8 +213,8 @@ def test_a_file_that_is_no_json_is_refused(content, words, tmp_path):
 
 
 def test_a_file_that_is_not_there_or_a_folder_is_refused(tmp_path):
-    for path in (tmp_path / "none.json", tmp_path):
-        with pytest.raises(UserError, match="cannot read") as caught:
+    for path, words in ((tmp_path / "none.json", "cannot read"), (tmp_path, "is a folder; name the model in it")):
+        with pytest.raises(UserError, match=words) as caught:
             load(path)
         assert "\n" not in str(caught.value)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import cycle
 from typing import Any
@@ -16,7 +16,7 @@ from test_real_data import EMPS_FILE, ZILLEN, emps_run, needs_emps, needs_zillen
 from pneuid.plausibility import CHECKS, check_recordings
 from pneuid.recording import Recording
 from pneuid.resources import scenario_path
-from pneuid.rig import Rig
+from pneuid.rig import Rig, RunSettings
 from pneuid.virtual_rig import (
     ATMOSPHERE,
     HIDDEN_EFFECTS,
@@ -109,6 +109,8 @@ SERVO_SLIPS: dict[str, tuple[str, str, Callable[[Record], Record]]] = {
     "bar as kPa": ("unit_of_pressure", "gauge", lambda r: unit_slip(r, 0.01)),
     "psi as kPa": ("unit_of_pressure", "gauge", lambda r: unit_slip(r, 1 / 6.895)),
     "psi as bar": ("unit_of_pressure", "gauge", lambda r: unit_slip(r, 14.5)),
+    "p1 alone, bar as kPa": ("unit_of_pressure", "gauge", lambda r: {**r, "p1": unit_slip(r, 0.01)["p1"]}),
+    "p2 alone, bar as kPa": ("unit_of_pressure", "gauge", lambda r: {**r, "p2": unit_slip(r, 0.01)["p2"]}),
     "x late": ("channel_skew", "gauge", lambda r: late(r, ("x",), 0.010)),
     "p1 late": ("channel_skew", "gauge", lambda r: late(r, ("p1",), 0.010)),
     "p2 late": ("channel_skew", "gauge", lambda r: late(r, ("p2",), 0.012)),
@@ -234,7 +236,30 @@ def test_a_bench_with_a_physical_effect_has_no_slip(p1, p2, hidden):
 
 
 def test_every_check_has_a_slip_that_triggers_it():
-    assert {case[0] for case in (*SERVO_SLIPS.values(), *BENCH_SLIPS.values())} | {"sample_rate"} == set(CHECKS)
+    assert {case[0] for case in (*SERVO_SLIPS.values(), *BENCH_SLIPS.values())} | {"sample_rate", "misnamed_run"} == set(CHECKS)
+
+
+def test_the_unit_that_the_rig_file_states_is_the_one_suspected():
+    columns = {"p1": {"column": "A", "unit": "kPa"}, "p2": {"column": "B", "unit": "kPa"}}
+    rig = Rig.from_dict({**SERVO, "columns": columns, "supply": {"pressure": "5 bar"}, "runs": {}})
+    record = Recording.from_arrays("run.csv", rig, **unit_slip(record_of(Stand()), 0.01))
+    assert "(bar written as kPa)" in check_recordings(rig, [record])[0].suspected
+
+
+@pytest.mark.parametrize("written", ["log_mon_2.csv", "data/Log-Mon2.csv", "log_mon2.txt"])
+def test_a_table_of_a_run_under_another_name_is_named(written):
+    rig = replace(servo_rig(Stand()), runs={written: RunSettings(supply=4e5)})
+    record = Recording.from_arrays("log_mon2.csv", rig, **record_of(Stand()))
+    finding = check_recordings(rig, [record])[0]
+    assert (finding.check, finding.signal) == ("misnamed_run", "log_mon2.csv")
+    assert written in finding.seen
+    assert "5 bar gauge" in finding.seen
+
+
+@pytest.mark.parametrize("written", ["log_mon1.csv", "log_mon22.csv", "log_mon2.csv"])
+def test_a_table_of_another_run_is_no_slip(written):
+    rig = replace(servo_rig(Stand()), runs={written: RunSettings()})
+    assert check_recordings(rig, [Recording.from_arrays("log_mon2.csv", rig, **record_of(Stand()))]) == ()
 
 
 def test_nothing_is_said_of_no_recordings():

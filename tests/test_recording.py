@@ -284,6 +284,7 @@ NONSENSE = [
     ("empty unit", title(2, "x []"), {}, ["'x'", "no unit"]),
     ("unknown unit", title(2, "x [mmm]"), {}, ["'x'", "'mmm'"]),
     ("wrong dimension", title(3, "p1 [mm]"), {}, ["'p1'", "'mm'", "Pa"]),
+    ("a unit with its reference", title(3, "p1 [barg]"), {}, ["'p1'", "'barg'", "write bar", "conventions"]),
     ("volts for pressure", title(3, "p1 [V]"), {}, ["'p1'", "'V'", "Pa"]),
     ("no u", title(1, "cmd [V]"), {}, ["column u is missing", "cmd", "[columns]"]),
     ("no p2", title(4, "p3 [bar]"), {}, ["column p2 is missing", "p3"]),

@@ -16,7 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from pneuid.criticism.comparison import Comparison, EquationDefect, SignalError
-from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
+from pneuid.criticism.diagnosis import NOT_SHOWN, NOTHING_MISSING, Candidate, Diagnosis, Unknown
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.prediction import Prediction
 from pneuid.criticism.regions import Region
@@ -32,6 +32,7 @@ from pneuid.report.reports import compare_report, diagnose_report, identify_repo
 from pneuid.report.signal_figures import errors_bar, overlay, residual_map, role_word, telling_run, worst_span
 from pneuid.report.signal_units import ErrorUnit, error_unit, shown
 from pneuid.report.summary import verdict_lines
+from pneuid.report.trust_sections import trust_section
 from pneuid.rig import Rig
 
 SERVO = {
@@ -457,6 +458,9 @@ def test_a_relaxed_fit_is_labelled(servo):
         text.count("Relaxed fit, the values are provisional and have no standard errors: the model leaves jumps.") == 2
     )
     assert '<td class="r">—</td>' in text
+    assert "1-sigma" not in text
+    trusted = trust_section(relaxed)
+    assert not any(isinstance(part, Table) for part in trusted.parts)
 
 
 @pytest.mark.parametrize("verdict", ["adequate", "effect", "ambiguous", "unknown"])
@@ -467,7 +471,24 @@ def test_every_verdict_has_its_words(verdict):
     section = sections.diagnosis_verdict(found)
     words = section.parts[0].text
     assert ("gravity, a{b}" in words) == (verdict in {"effect", "ambiguous"})
-    assert section.parts[0].kind == ("good" if verdict == "adequate" else "warning")
+    assert section.parts[0].kind == "warning"
+
+
+def test_a_model_is_called_good_only_where_noise_alone_is_left():
+    quiet = dataclasses.replace(
+        DIAGNOSIS, verdict="adequate", effects=(), unknown=None, sentences=("held-out error: 1.02 floors", NOTHING_MISSING)
+    )
+    assert sections.diagnosis_verdict(quiet).parts[0].kind == "good"
+    assert verdict_lines(quiet)[:2] == [f"verdict: adequate - {NOTHING_MISSING}", "held-out error: 1.02 floors"]
+    excused = dataclasses.replace(quiet, sentences=("held-out error: 12 floors",))
+    assert sections.diagnosis_verdict(excused).parts[0].text.startswith("These runs do not show")
+    assert verdict_lines(excused)[0] == f"verdict: adequate - {NOT_SHOWN}"
+
+
+def test_a_name_at_the_start_of_a_sentence_keeps_its_letters():
+    named = dataclasses.replace(DIAGNOSIS, sentences=("friction_pressure: 99 % explained", "what remains is noise"))
+    found = next(part for part in sections.diagnosis_verdict(named).parts[2:] if isinstance(part, Items))
+    assert found.texts == ("friction_pressure: 99 % explained.", "What remains is noise.")
 
 
 def test_runs_that_the_model_was_not_fitted_on_are_called_compared(servo):

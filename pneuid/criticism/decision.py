@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pneuid.criticism.defects import equation_defects, node_jumps
-from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
+from pneuid.criticism.diagnosis import NOTHING_MISSING, Candidate, Diagnosis, Unknown
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.rounds import ACTING_ON, LEAST_DROP, Say
@@ -136,7 +136,7 @@ def _nothing_named(
     if walk.lacking is not None:
         return Diagnosis("unknown", (), ordered, _rest(walk.lacking), sentences=tuple(words))
     if current.error - 1.0 < judge.small:
-        return Diagnosis("adequate", (), ordered, sentences=(*words, "nothing is missing above the noise"))
+        return Diagnosis("adequate", (), ordered, sentences=(*words, NOTHING_MISSING))
     if slow:
         return Diagnosis("adequate", (), ordered, sentences=tuple(words))
     if current.fit.lacking:

@@ -12,6 +12,12 @@ import pandas as pd
 from pneuid.criticism.frames import notebook_html
 from pneuid.estimation.curves import Curve
 
+NOTHING_MISSING = "nothing is missing above the noise"
+"""Sentence of a verdict ``adequate`` whose model leaves noise alone."""
+
+NOT_SHOWN = "these runs do not show that an effect is missing"
+"""What such a verdict says otherwise: the error is above noise, and the sentences say why that is no evidence."""
+
 
 @dataclass(frozen=True)
 class Candidate:

@@ -13,6 +13,7 @@ from pneuid.effect import Effect
 from pneuid.effects import CATALOGUE, GROUPS, effects_by_name, group_of
 from pneuid.errors import UserError
 from pneuid.physics.friction import LAWS
+from pneuid.report.quantities import handy
 from pneuid.report.signature_figure import signature_figure
 from pneuid.report.style import png
 from pneuid.resources import scenario_path
@@ -79,12 +80,14 @@ def _show(console: Console, effect: Effect, rig: Rig) -> None:
     console.print(f"enters at: {', '.join(effect.ports)}")
     declared = effect.parameters(rig, LAWS[effect.laws[0]])
     table = Table(
-        "parameter", "unit", "lower", "upper", "off", "typical size", title=f"on a {rig.kind} rig, bore 32 mm"
+        "parameter", "symbol", "unit", "lower", "upper", "off", "typical size", title=f"on a {rig.kind} rig, bore 32 mm"
     )
     for item in declared:
-        off = "shape" if item.off is None else f"{item.off:.4g}"
+        unit, factor = handy(item.unit)
+        off = "shape" if item.off is None else f"{factor * item.off:.4g}"
         typical = item.start if item.off is None else item.scale
-        table.add_row(item.name, item.unit, f"{item.lower:.3g}", f"{item.upper:.3g}", off, f"{typical:.3g}")
+        lower, upper, size = (f"{factor * value:.3g}" for value in (item.lower, item.upper, typical))
+        table.add_row(item.name, item.symbol, unit, lower, upper, off, size)
     console.print(table)
     for item in declared:
         if item.source != effect.reference:

@@ -275,7 +275,8 @@ def result_of(end: End, noise: dict[str, float], seconds: float) -> Fit:
 def _words(end: End, misfit: float) -> str:
     """How a fit has ended, in words."""
     if end.hard is not None:
-        words = f"exact: continuity holds everywhere ({end.hard.outcome.status})"
+        outcome = end.hard.outcome
+        words = "exact: continuity holds everywhere" + ("" if outcome.success else f" ({outcome.status})")
         if misfit > MISFIT:
             words += f"; residual {np.sqrt(misfit):.1f} times the sensors' noise, standard errors widened by as much"
         elif end.doubtful:

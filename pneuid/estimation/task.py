@@ -48,7 +48,8 @@ class Task:
         if needed > LARGEST_SUBSTEPS:
             raise UserError(
                 f"sample rate of {1 / dt:.0f} Hz is too low: this friction and these chambers need {needed} substeps per "
-                f'sample (at most {LARGEST_SUBSTEPS}); record faster or choose friction = "stribeck" in rig.toml'
+                f"sample (at most {LARGEST_SUBSTEPS}); check the unit of t and the sizes and mass in rig.toml; if they are "
+                'right, record faster or choose friction = "stribeck"'
             )
         return needed
 

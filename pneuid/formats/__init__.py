@@ -37,6 +37,9 @@ READERS: dict[str, Reader] = {
 }
 """Reader by file extension, lower case."""
 
+SHEETS = (".xlsx", ".xls", ".ods")
+"""Spreadsheets, which have no reader."""
+
 
 def read_table(path: str | Path, layout: FileLayout) -> RawTable:
     """Read the raw columns of the measurement in ``path``.
@@ -48,7 +51,10 @@ def read_table(path: str | Path, layout: FileLayout) -> RawTable:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         known = ", ".join(READERS)
-        raise UserError(f"{path}: no reader for files ending in '{path.suffix}'; known: {known}")
+        if path.is_dir():
+            raise UserError(f"{path}: is a folder; name the files in it")
+        do = "; save the sheet as CSV" if path.suffix.lower() in SHEETS else ""
+        raise UserError(f"{path}: no reader for files ending in '{path.suffix}'; known: {known}{do}")
     try:
         if not path.exists():
             raise UserError(f"{path}: there is no such file")

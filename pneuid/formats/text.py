@@ -162,6 +162,11 @@ def _walk(
         cells = _cells(line, layout, f"{path}: row {row}")
         if len(cells) != len(names):
             size = "short" if len(cells) < len(names) else "long"
+            if len(names) == 1:
+                raise UserError(
+                    f"{path}: row {row} has {len(cells)} cells, but the header only one, {shown(names[0])}; where lines "
+                    "stand above the header, write their number as skip_rows below [files] in rig.toml"
+                )
             raise UserError(
                 f"{path}: row {row} is {size}: {len(cells)} cells where {len(names)} columns are expected; "
                 f"the last one read is {shown(cells[-1])} in column {shown(names[min(len(cells), len(names)) - 1])}"

@@ -24,6 +24,7 @@ from pneuid.plausibility.servo import (
     swapped_chambers,
     unit_of_pressure,
 )
+from pneuid.plausibility.settings import misnamed_run
 from pneuid.plausibility.skew import channel_skew
 from pneuid.recording import Recording
 from pneuid.rig import Rig
@@ -31,6 +32,7 @@ from pneuid.rig import Rig
 __all__ = ["CHECKS", "Check", "Finding", "check_recordings"]
 
 CHECKS: dict[str, Check] = {
+    "misnamed_run": misnamed_run,
     "swapped_chambers": swapped_chambers,
     "reversed_command": reversed_command,
     "reversed_position": reversed_position,

@@ -148,24 +148,42 @@ def unit_of_pressure(rig: Rig, runs: Sequence[Recording]) -> Finding | None:
     """Pressures far above the supply, or far below it while the valve's flow is too small by as much: a wrong unit."""
     if rig.kind != "servo":
         return None
-    shares = []
-    for run in runs:
-        own = rig.run(run.name).supply
-        supply = (rig.supply if own is None else own) - rig.patm
-        level = max(float(np.percentile(run.signals[name], 95)) for name in ("p1", "p2")) - rig.patm
-        shares.append(level / supply)
-    share = max(shares)
+    each = {name: max(_share(rig, run, name) for run in runs) for name in ("p1", "p2")}
+    share, which = max(each.values()), "p1, p2"
     if share <= 0.0:
         return None
-    if share < _LOW:
+    if _LOW <= share < _HIGH:
+        alone = _far_below(rig, runs, each)
+        if alone is None:
+            return None
+        share, which = each[alone], alone
+    elif share < _LOW:
         lines = _lines(rig, runs)
         # a leaking or slowly driven rig may stay at low pressure; then the valve's flow still fits the pressures
         if lines is None or max(abs(line.flow) for line in lines) > 0.5:
             return None
-    elif share < _HIGH:
-        return None
-    names = factors_into(share)
-    slip = f"the unit of p1 and p2, or that of the supply, is wrong{f' ({names})' if names else ''}"
-    seen = f"the chambers reach {share:.3g} times the supply's gauge pressure (0.3 to 1 is usual)"
+    column = rig.columns.get(which[:2])
+    names = factors_into(share, stated=column.unit if column else None)
+    whose = "p1 and p2, or that of the supply," if which == "p1, p2" else which
+    slip = f"the unit of {whose} is wrong{f' ({names})' if names else ''}"
+    who = "the chambers reach" if which == "p1, p2" else "this chamber reaches"
+    seen = f"{who} {share:.3g} times the supply's gauge pressure (0.3 to 1 is usual)"
     do = "compare the unit in the header and in [columns] with the sensor's data sheet, and supply.pressure in rig.toml"
-    return Finding("unit_of_pressure", "p1, p2", seen, slip, do)
+    return Finding("unit_of_pressure", which, seen, slip, do)
+
+
+def _share(rig: Rig, run: Recording, name: str) -> float:
+    """Gauge pressure of a chamber (95 % of the samples are below it) over that of the supply."""
+    own = rig.run(run.name).supply
+    supply = (rig.supply if own is None else own) - rig.patm
+    return (float(np.percentile(run.signals[name], 95)) - rig.patm) / supply
+
+
+def _far_below(rig: Rig, runs: Sequence[Recording], each: dict[str, float]) -> str | None:
+    """The chamber whose pressure stays far below the supply, and whose flow far below the other's; None if there is none."""
+    low = min(each, key=lambda name: each[name])
+    lines = _lines(rig, runs)
+    if lines is None or not 0.0 < each[low] < _LOW:
+        return None
+    flow, other = (abs(line.flow) for line in (lines if low == "p1" else lines[::-1]))
+    return low if flow < _LOW * other and flow < 0.5 else None

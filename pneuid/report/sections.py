@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from pneuid.criticism.comparison import Comparison, SignalError
-from pneuid.criticism.diagnosis import Candidate, Diagnosis
+from pneuid.criticism.diagnosis import NOT_SHOWN, NOTHING_MISSING, Candidate, Diagnosis
 from pneuid.criticism.ladder import Rung
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.curves import Curve
@@ -45,6 +45,11 @@ ATMOSPHERE = 101325.0
 """Standard atmosphere, Pa, by which pressures are gauge where no rig is at hand."""
 
 ROLES = {"train": "training", "hold_out": "held-out"}
+
+PRESSURE_LAWS = (
+    "Fc, Fs, vs and sigma2 are the values at zero gauge pressure. What p1 and p1 - p2 add to them: k1 and k2 to Fc, "
+    "k3 and k4 to Fs, k5 and k6 to vs, k7 and k8 to sigma2."
+)
 
 
 # --- what it says ---
@@ -138,14 +143,17 @@ def parameters(model: Model) -> Section:
     rows = tuple(_parameter_row(item, owned) for item in model.parameters)
     weak = frozenset(k for k, item in enumerate(model.parameters) if item.verdict == "not visible")
     heads = ("parameter", "value", "± std", "unit", "bounds", "verdict", *(("from",) if owned else ()))
-    table = Table(heads, rows, "lrrnnn" + "l" * owned, "Standard errors are 1-sigma.", weak)
+    caption = "Standard errors are 1-sigma." if model.fit.stage == "exact" else ""
+    table = Table(heads, rows, "lrrnnn" + "l" * owned, caption, weak)
     parts: list[Part] = stage_note(model)
     if "friction_pressure" in model.effects:
-        parts.append(Paragraph("Fc, Fs, vs and sigma2 are the values at zero gauge pressure.", "note"))
+        parts.append(Paragraph(PRESSURE_LAWS, "note"))
     fit = model.fit
+    exact, relaxed = "1 when only noise is left", "between jumps, which take up what the model does not explain"
+    left = exact if fit.stage == "exact" else relaxed
     about = (
         f"Fit: {fit.status}; {fit.solver}, {_count(fit.iterations, 'iteration')}, {number(fit.seconds, 2)} s; "
-        f"mean squared weighted residual {number(fit.cost_per_sample)} (1 when only noise is left)."
+        f"mean squared weighted residual {number(fit.cost_per_sample)} ({left})."
     )
     shapes = tuple(shape(curve, model.rig.patm) for curve in model.curves)
     return Section("Parameters", (*parts, table, Paragraph(about), *shapes))
@@ -156,7 +164,8 @@ def _parameter_row(item: Estimate, owned: bool) -> tuple[str, ...]:
     value, std = with_error(item.value * factor, None if item.std is None else item.std * factor)
     bounds = f"{number(item.lower * factor)} to {number(item.upper * factor)}"
     name = item.name if item.run is None else f"{item.name} (run {item.run})"
-    return name, value, std, unit, bounds, item.verdict, *((item.effect or "base model",) if owned else ())
+    verdict = "—" if item.std is None and item.verdict == "weakly determined" else item.verdict  # nothing was weighed
+    return name, value, std, unit, bounds, verdict, *((item.effect or "base model",) if owned else ())
 
 
 def errors(comparison: Comparison) -> Section:
@@ -290,7 +299,7 @@ def _signal_error(name: str, value: float | None) -> str:
 
 
 _VERDICTS: dict[str, tuple[str, Literal["good", "warning"]]] = {
-    "adequate": ("Nothing is missing above the noise.", "good"),
+    "adequate": (f"{NOTHING_MISSING.capitalize()}.", "good"),
     "effect": ("Missing from the model: NAMES.", "warning"),
     "ambiguous": ("Something is missing; these data cannot tell apart: NAMES.", "warning"),
     "unknown": ("Something is missing that the catalogue does not hold.", "warning"),
@@ -308,6 +317,8 @@ def shape(curve: Curve, patm: float) -> Picture:
 def diagnosis_verdict(diagnosis: Diagnosis, patm: float = ATMOSPHERE) -> Section:
     """What is missing, in words, and what to record next; ``patm`` is atmospheric pressure, Pa."""
     words, kind = _VERDICTS.get(diagnosis.verdict, (diagnosis.verdict, "warning"))
+    if diagnosis.verdict == "adequate" and NOTHING_MISSING not in diagnosis.sentences:
+        words, kind = f"{NOT_SHOWN.capitalize()}.", "warning"
     parts: list[Part] = [
         Paragraph(words.replace("NAMES", ", ".join(diagnosis.effects)), "good" if kind == "good" else "warning")
     ]
@@ -325,8 +336,9 @@ def diagnosis_verdict(diagnosis: Diagnosis, patm: float = ATMOSPHERE) -> Section
         )
     if rest is not None and rest.curve is not None:
         parts.append(shape(rest.curve, patm))
-    if diagnosis.sentences:
-        parts.append(Items(tuple(f"{text[:1].upper()}{text[1:]}." for text in diagnosis.sentences)))
+    said = [text for text in diagnosis.sentences if text != NOTHING_MISSING]
+    if said:
+        parts.append(Items(tuple(f"{_capital(text)}." for text in said)))
     following = diagnosis.next_experiment
     if following:
         file = f" Command file: {following['file']}." if following.get("file") else ""
@@ -334,6 +346,11 @@ def diagnosis_verdict(diagnosis: Diagnosis, patm: float = ATMOSPHERE) -> Section
         odds = f" Chance that it decides: {percent(power)}." if power else ""
         parts.append(Paragraph(f"Next experiment: {following.get('why', '')}.{file}{odds}".replace("..", "."), "note"))
     return Section("Verdict", tuple(parts))
+
+
+def _capital(text: str) -> str:
+    """With a capital at the start, unless that is the name of an effect."""
+    return text if "_" in text.split(maxsplit=1)[0] else f"{text[:1].upper()}{text[1:]}"
 
 
 def ranking_section(diagnosis: Diagnosis) -> Section:

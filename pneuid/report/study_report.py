@@ -108,9 +108,14 @@ def route_rows(result: StudyResult) -> list[tuple[str, ...]]:
             true = result.truth[name]
             cells.append(number(factor * true, 4))
             for value in (classic[name].value if name in classic else None, result.joint_values.get(name)):
-                cells.append("—" if value is None else f"{100.0 * (value / true - 1.0):+.1f} %".replace("-", "−"))
+                cells.append("—" if value is None else _signed(100.0 * (value / true - 1.0)))
         rows.append(tuple(cells))
     return rows
+
+
+def _signed(percent: float) -> str:
+    """A relative error with its sign, zero without one."""
+    return "0.0 %" if abs(percent) < 0.05 else f"{percent:+.1f} %".replace("-", "−")
 
 
 def law_words(result: StudyResult) -> list[str]:
@@ -168,7 +173,7 @@ def _routes(result: StudyResult, model: Model | None) -> Section:
     if result.truth is not None:
         heads += ("truth", "classic error", "joint error")
     rows = tuple(route_rows(result))
-    caption = "Values at zero gauge; k1 to k8 as in the study."
+    caption = "Values at zero gauge; k1 to k8, in pairs: what p1 and p1 - p2 add to Fc, Fs, vs and sigma2, as in the study."
     parts: list[Part] = [Table(heads, rows, "ln" + "r" * (len(heads) - 2), caption)]
     parts.append(
         Paragraph(

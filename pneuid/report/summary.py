@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from pneuid.criticism.comparison import Comparison, SignalError
-from pneuid.criticism.diagnosis import Candidate, Diagnosis
+from pneuid.criticism.diagnosis import NOT_SHOWN, NOTHING_MISSING, Candidate, Diagnosis
 from pneuid.signals import SIGNALS
 from pneuid.units import to_display
 
@@ -68,14 +68,16 @@ def _tested(item: Candidate) -> str:
 def verdict_lines(diagnosis: Diagnosis) -> list[str]:
     """The verdict and its evidence, a line each."""
     words = {
-        "adequate": "nothing is missing above the noise",
+        "adequate": NOTHING_MISSING if NOTHING_MISSING in diagnosis.sentences else NOT_SHOWN,
         "effect": f"missing: {', '.join(diagnosis.effects)}",
         "ambiguous": f"missing: one of {', '.join(diagnosis.effects)}; these data cannot tell which",
         "unknown": "something is missing that the catalogue does not hold",
     }
-    lines = [f"verdict: {diagnosis.verdict} - {words[diagnosis.verdict]}", *diagnosis.sentences]
+    said = [text for text in diagnosis.sentences if text != words[diagnosis.verdict]]
+    lines = [f"verdict: {diagnosis.verdict} - {words[diagnosis.verdict]}", *said]
+    width = max((len(item.effect) for item in diagnosis.ranking[:4]), default=0)
     lines += [
-        f"  {item.effect:20s} predicted drop of the cost {100 * item.screen_gain:5.1f} %, {_tested(item)}"
+        f"  {item.effect:{width}s}  predicted drop of the cost {100 * item.screen_gain:5.1f} %, {_tested(item)}"
         for item in diagnosis.ranking[:4]
     ]
     if diagnosis.unknown is not None:

@@ -23,8 +23,10 @@ def trust_section(comparison: Comparison, profiles: Sequence[Profile] = ()) -> S
         name = item.estimate.name if item.estimate.run is None else f"{item.estimate.name} (run {item.estimate.run})"
         ends = [number(end * factor, 4) if end is not None else "—" for end in (item.low, item.high)]
         rows.append((name, *ends, unit, item.estimate.verdict))
-    caption = "Intervals from the curvature of the cost at the fit, for the sensors' noise; model errors are not in them."
-    parts: list[Part] = [Table(("parameter", "from", "to", "unit", "verdict"), tuple(rows), "lrrnn", caption)]
+    caption = "95 % intervals from the curvature of the cost at the fit, for the sensors' noise; model errors are not in them."
+    table = Table(("parameter", "from", "to", "unit", "verdict"), tuple(rows), "lrrnn", caption)
+    relaxed = Paragraph("Standard errors and intervals come with an exact fit; this one is relaxed.")
+    parts: list[Part] = [table if any(item.estimate.std is not None for item in found) else relaxed]
     wanted = recordings_wanted(found)
     if wanted:
         parts.append(Paragraph("What to record next, for parameters that these data do not determine well:"))
