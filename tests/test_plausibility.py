@@ -236,7 +236,34 @@ def test_a_bench_with_a_physical_effect_has_no_slip(p1, p2, hidden):
 
 
 def test_every_check_has_a_slip_that_triggers_it():
-    assert {case[0] for case in (*SERVO_SLIPS.values(), *BENCH_SLIPS.values())} | {"sample_rate", "misnamed_run"} == set(CHECKS)
+    by_record = {case[0] for case in (*SERVO_SLIPS.values(), *BENCH_SLIPS.values())}
+    assert by_record | {"sample_rate", "misnamed_run", "supply_too_low", "mass_out_of_scale"} == set(CHECKS)
+
+
+@pytest.mark.parametrize("stated", [4.5, 5.0])
+def test_a_supply_that_a_chamber_exceeds_is_named(stated):
+    rig = servo_rig(Stand(bar=stated))
+    found = check_recordings(rig, [Recording.from_arrays("run.csv", rig, **record_of(Stand(bar=7.0)))])
+    finding = next(one for one in found if one.check == "supply_too_low")
+    assert finding.signal == "run.csv"
+    assert f"above the supply of {stated:g} bar" in finding.seen
+
+
+def test_a_supply_that_is_fitted_is_no_slip():
+    rig = replace(servo_rig(Stand(bar=5.0)), runs={"run.csv": RunSettings(free=("supply",))})
+    found = check_recordings(rig, [Recording.from_arrays("run.csv", rig, **record_of(Stand(bar=7.0)))])
+    assert "supply_too_low" not in {one.check for one in found}
+
+
+@pytest.mark.parametrize(("rig", "mass", "named"), [
+    ("servo", 2.4e-3, True), ("servo", 2400.0, True), ("servo", 0.1, False), ("servo", 60.0, False), ("bench", 1e-3, True),
+    ("bench", 0.6, False),
+])  # fmt: skip
+def test_a_mass_out_of_scale_is_named(rig, mass, named):
+    found = replace(servo_rig(Stand()) if rig == "servo" else bench_rig(), mass=mass)
+    record = record_of(Stand()) if rig == "servo" else bench_record(3.0, 3.0, NOTHING)
+    checks = [one.check for one in check_recordings(found, [Recording.from_arrays("run.csv", found, **record)])]
+    assert ("mass_out_of_scale" in checks) is named
 
 
 def test_the_unit_that_the_rig_file_states_is_the_one_suspected():

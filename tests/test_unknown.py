@@ -72,7 +72,7 @@ def test_the_joint_fit_finds_what_a_compiled_spline_finds():
 
 
 @cache
-def searched() -> Found | None:
+def searched() -> Found:
     """What the search finds on the magnet's runs."""
     found, _ = magnet()
     held = magnet_runs()[1]
@@ -83,7 +83,7 @@ def searched() -> Found | None:
 
 def test_search_names_it_and_judges_on_held_out_runs():
     named = searched()
-    assert named is not None and named.explained > 0.8
+    assert named.explains and named.explained > 0.8
     rest = _unknown(named)
     assert rest.equation == "force" and rest.depends_on == ("x",) and rest.unit == "N" and 1.0 < rest.rms < 15.0
     assert rest.effect is not None and rest.effect.startswith("spline:force(x")
@@ -107,7 +107,6 @@ STOOD_IN = [
 def test_an_effect_that_stood_in_for_the_unknown_gives_way_to_it(effect, explains, alone, verdict, monkeypatch):
     """The named effect explains a share of the held-out excess of 99 floors, the unknown force over x alone another."""
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
-    assert named is not None
     monkeypatch.setattr(
         "pneuid.criticism.unknown.search", lambda *_: replace(named, before=100.0, after=1.0 + 99.0 * (1.0 - alone))
     )
@@ -126,7 +125,7 @@ def test_an_effect_that_stood_in_for_the_unknown_gives_way_to_it(effect, explain
 def test_a_function_that_has_not_seen_what_is_held_out_takes_no_effects_place(monkeypatch):
     """A force by the pressure difference from runs at 3, 5 and 7 bar says nothing of one at 1 bar."""
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
-    assert named is not None and named.beyond == 0.0
+    assert named.beyond == 0.0
     term, best = named.joint.terms[0], replace(base, plant=Plant(STAND, "lugre", [CATALOGUE["friction_position"]]))
     x = held.signals["x"]
     monkeypatch.setattr("pneuid.criticism.unknown.visited", lambda *_: (x.min(), np.quantile(x, 0.7)))
@@ -147,11 +146,11 @@ def test_a_function_that_has_not_seen_what_is_held_out_takes_no_effects_place(mo
 def test_what_explains_the_larger_part_beside_an_effect_makes_it_unknown(effect, explains, of_the_rest, verdict, monkeypatch):
     """No function alone explains more than the effect does; beside it one explains a share of what it leaves."""
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
-    assert named is not None
     left = 99.0 * (1.0 - explains)
     best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE[effect]]))
+    nothing = replace(named, before=100.0, after=90.0)
     found_rest = replace(named, before=1.0 + left, after=1.0 + left * (1.0 - of_the_rest))
-    monkeypatch.setattr("pneuid.criticism.unknown.search", lambda fit, *_: found_rest if fit is best else None)
+    monkeypatch.setattr("pneuid.criticism.unknown.search", lambda fit, *_: found_rest if fit is best else nothing)
     rungs = [
         Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6)
         for effects, error in (((), 10.0), ((effect,), np.sqrt(1.0 + left)))
@@ -160,6 +159,27 @@ def test_what_explains_the_larger_part_beside_an_effect_makes_it_unknown(effect,
     found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
     assert (found.verdict, found.effects) == (verdict, (effect,))
     assert found.unknown is not None and found.unknown.effect is not None
+
+
+@pytest.mark.parametrize(
+    ("gain", "brought", "verdict"), [(0.08, 0.002, "unknown"), (0.04, 0.002, "effect"), (0.08, 0.03, "effect")]
+)  # fmt: skip
+def test_what_the_training_runs_show_far_more_than_the_effect_named_is_missing_too(gain, brought, verdict, monkeypatch):
+    """The held-out runs, beyond where it was seen, bear out an effect that the training runs hardly ask for."""
+    base, (_, held), named = magnet()[0], magnet_runs(), searched()
+    best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE["friction_viscous_nonlinear"]]))
+    seen = replace(named, before=3.7, after=10.0, gain=gain * base.relaxed_cost, beyond=0.14)
+    monkeypatch.setattr("pneuid.criticism.unknown.search", lambda *_: seen)
+    costs = base.relaxed_cost / (1.0 - brought), base.relaxed_cost
+    monkeypatch.setattr("pneuid.criticism.unknown.comparable_costs", lambda *_: list(costs))
+    rungs = [Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6) for effects, error in (((), 2.6), (("one",), 1.9))]
+    diagnosis = Diagnosis("effect", ("friction_viscous_nonlinear",), (), Unknown("force", (), 1.0, "N"))
+    found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
+    assert (found.verdict, found.effects) == (verdict, ("friction_viscous_nonlinear",))
+    assert found.unknown is not None
+    assert (found.unknown.depends_on == ("x",)) is (verdict == "unknown")
+    assert found.unknown.effect is None
+    assert any("outside its range" in words for words in found.sentences) is (verdict == "unknown")
 
 
 class _Probes:

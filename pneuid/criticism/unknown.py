@@ -20,7 +20,7 @@ from pneuid.criticism.prediction import predict, rmse
 from pneuid.criticism.probes import Joint, Probing, weights
 from pneuid.effects._spline import KNOTS, Term, curve_columns, spline
 from pneuid.estimation.curves import POINTS, Curve, signal_of, visited
-from pneuid.estimation.fit import Fit
+from pneuid.estimation.fit import Fit, comparable_costs
 from pneuid.estimation.preparation import prepare
 from pneuid.plant import Plant
 from pneuid.recording import Recording
@@ -55,6 +55,11 @@ low before the first is in."""
 LEAST_EXPLAINED = 0.25
 """Share of the held-out excess that a term must remove to be named."""
 
+SEEN, TIMES = 0.05, 3.0
+"""Share of the relaxed cost that a term takes from the *training* runs, and times what the accepted effects took, from which it
+is said to be missing although the held-out runs do not bear it out: what little the effects explain there is chance, or stands
+in for it."""
+
 TIED = 0.03
 """Share of the drop of the cost within which two terms explain the data alike."""
 
@@ -71,6 +76,12 @@ more, or explains nothing; of seven that it does not hold 0.00, 0.02, 0.29, 0.69
 BEYOND, MARGIN = 0.1, 0.05
 """Share of the held-out samples outside the range of its signal in the training runs, beyond which a term takes no effect's
 place: out there nothing has shown it. Margin of that range, in its width."""
+
+UNSEEN = (
+    "most of all the training runs show {}: it takes {:.1f} % of what they leave, the named effects take {:.1f} %; the "
+    "held-out runs do not bear it out, and {:.0f} % of their samples lie outside its range in the training runs: train on runs "
+    "that cover it"
+)
 
 Say = Callable[[str], None]
 
@@ -89,15 +100,22 @@ class Found:
     """Other terms that explain the data about as well."""
     beyond: float
     """Share of the held-out samples at which the first one's signal is outside its range in the training runs."""
+    gain: float
+    """By how much the relaxed cost of the training runs falls."""
 
     @property
     def explained(self) -> float:
         """Share of the held-out excess that is removed."""
         return (self.before - self.after) / max(self.before - 1.0, 1e-12)
 
+    @property
+    def explains(self) -> bool:
+        """Whether the held-out runs bear it out."""
+        return bool(np.isfinite(self.after)) and self.explained > LEAST_EXPLAINED
 
-def search(fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float], say: Say = lambda _: None) -> Found | None:
-    """The unknown function that explains best what ``fit`` leaves; None where none explains held-out runs.
+
+def search(fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float], say: Say = lambda _: None) -> Found:
+    """The unknown function that follows best what ``fit`` leaves of its runs, judged on held-out ones.
 
     floor : noise floor per signal, SI, by which errors are measured.
     """
@@ -118,9 +136,9 @@ def search(fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float], 
     curve = _curve(fit, best)
     size = float(np.sqrt(np.mean((weights(best.terms[0], probing.scope) @ best.amplitudes[0]) ** 2)))
     beyond, formula = _beyond(fit, best.terms[0], hold_out), distilled(best.terms[0], curve, fit)
-    found = Found(best, error(None), error(best), curve, size, formula, ties, beyond)
+    found = Found(best, error(None), error(best), curve, size, formula, ties, beyond, probing.start_cost - best.cost)
     say(f"{' + '.join(term.name for term in best.terms)}: removes {100 * found.explained:.0f} % of the held-out excess")
-    return found if np.isfinite(found.after) and found.explained > LEAST_EXPLAINED else None
+    return found
 
 
 def ranking(probing: Probing) -> list[tuple[float, Term]]:
@@ -214,7 +232,7 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
     minor, much = diagnosis.verdict == "unknown", left > MUCH * excess
     if diagnosis.effects and (minor or left > LITTLE * excess):
         alone = search(verdict.base, hold_out, floor, say)
-        if alone is not None and (minor or much or _other(alone, theirs)) and _takes_place(alone, left):
+        if alone.explains and (minor or much or _other(alone, theirs)) and _takes_place(alone, left):
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
             found = replace(
                 diagnosis, verdict="unknown", effects=(), unknown=_unknown(alone),
@@ -222,12 +240,24 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
             )  # fmt: skip
             return replace(verdict, diagnosis=found, best=verdict.base)
     rest = search(verdict.best, hold_out, floor, say)
-    if rest is None:
-        return verdict
+    if not rest.explains:
+        return _seen_in_training(verdict, rest) if diagnosis.effects else verdict
     found = replace(diagnosis, unknown=_unknown(rest), sentences=(*diagnosis.sentences, *_said(rest)))
     if diagnosis.effects and much and _other(rest, theirs) and rest.beyond < BEYOND and rest.explained > NEARLY_ALL:
         found = replace(found, verdict="unknown")
     return replace(verdict, diagnosis=found)
+
+
+def _seen_in_training(verdict: Verdict, rest: Found) -> Verdict:
+    """The verdict, ``unknown`` where the training runs show the ``rest`` far more than the effects that were accepted."""
+    term, standing = rest.joint.terms[0], verdict.best.relaxed_cost
+    without, with_them = comparable_costs(verdict.base, verdict.best)
+    if rest.gain < max(SEEN * standing, TIMES * (without - with_them)):
+        return verdict
+    words = UNSEEN.format(term.name, 100 * rest.gain / standing, 100 * (without - with_them) / without, 100 * rest.beyond)
+    unknown = Unknown(term.equation, term.depends_on, rest.rms, term.unit)
+    sentences = (*verdict.diagnosis.sentences, words)
+    return replace(verdict, diagnosis=replace(verdict.diagnosis, verdict="unknown", unknown=unknown, sentences=sentences))
 
 
 def _other(found: Found, equations: set[str]) -> bool:

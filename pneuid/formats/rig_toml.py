@@ -101,7 +101,9 @@ def _name(value: object) -> str:
 
 
 Length = Annotated[float, _between("m", 0.0, 100.0)]
-LengthOrZero = Annotated[float, _between("m", 0.0, 100.0, low_open=False)]
+# the largest cylinders of any kind have a bore below a metre and a half
+Bore = Annotated[float, _between("m", 0.0, 1.5)]
+RodOrZero = Annotated[float, _between("m", 0.0, 1.5, low_open=False)]
 Volume = Annotated[float, _between("m^3", 0.0, 10.0)]
 Mass = Annotated[float, _between("kg", 0.0, 1e6)]
 Angle = Annotated[float, BeforeValidator(_angle)]
@@ -134,10 +136,10 @@ class Conventions(_Section):
 class Cylinder(_Section):
     """Geometry [m, m^3]."""
 
-    bore: Length | None = None
-    rod: LengthOrZero | None = None
-    rod_1: LengthOrZero | None = None
-    rod_2: LengthOrZero | None = None
+    bore: Bore | None = None
+    rod: RodOrZero | None = None
+    rod_1: RodOrZero | None = None
+    rod_2: RodOrZero | None = None
     stroke: Length | None = None
     dead_volume_1: Volume | None = None
     dead_volume_2: Volume | None = None

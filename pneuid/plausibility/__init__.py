@@ -24,7 +24,7 @@ from pneuid.plausibility.servo import (
     swapped_chambers,
     unit_of_pressure,
 )
-from pneuid.plausibility.settings import misnamed_run
+from pneuid.plausibility.settings import mass_out_of_scale, misnamed_run, supply_too_low
 from pneuid.plausibility.skew import channel_skew
 from pneuid.recording import Recording
 from pneuid.rig import Rig
@@ -33,11 +33,13 @@ __all__ = ["CHECKS", "Check", "Finding", "check_recordings"]
 
 CHECKS: dict[str, Check] = {
     "misnamed_run": misnamed_run,
+    "mass_out_of_scale": mass_out_of_scale,
     "swapped_chambers": swapped_chambers,
     "reversed_command": reversed_command,
     "reversed_position": reversed_position,
     "unit_of_pressure": unit_of_pressure,
     "pressure_reference": pressure_reference,
+    "supply_too_low": supply_too_low,
     "reversed_force": reversed_force,
     "reversed_bench_position": reversed_bench_position,
     "bench_chambers": bench_chambers,
