@@ -17,7 +17,8 @@ from pneuid.criticism.frozen import Frozen
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.noise_floor import noise_floor
 from pneuid.criticism.probes import Probing
-from pneuid.criticism.unknown import Found, _beyond, _unknown, _with_second, explained, ranking, search
+from pneuid.criticism.uncovered import outside, uncovered
+from pneuid.criticism.unknown import Found, _unknown, _with_second, explained, followed, ranking, search
 from pneuid.effects import CATALOGUE
 from pneuid.effects._formula import SHAPES
 from pneuid.effects._spline import Term, curve, spline
@@ -128,14 +129,24 @@ def test_a_function_that_has_not_seen_what_is_held_out_takes_no_effects_place(mo
     assert named.beyond == 0.0
     term, best = named.joint.terms[0], replace(base, plant=Plant(STAND, "lugre", [CATALOGUE["friction_position"]]))
     x = held.signals["x"]
-    monkeypatch.setattr("pneuid.criticism.unknown.visited", lambda *_: (x.min(), np.quantile(x, 0.7)))
-    assert 0.15 < _beyond(base, term, [held]) <= 0.3
+    monkeypatch.setattr("pneuid.criticism.uncovered.visited", lambda *_: (x.min(), np.quantile(x, 0.7)))
+    assert 0.15 < outside(base, term, [prepare(held, base.plant, base.noise)]) <= 0.3
     strange = replace(named, before=100.0, after=1.5, beyond=0.5)
     monkeypatch.setattr("pneuid.criticism.unknown.search", lambda *_: strange)
     rungs = [Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6) for effects, error in (((), 10.0), (("one",), 7.0))]
     diagnosis = Diagnosis("effect", ("friction_position",), (), Unknown("force", ("x",), 1.0, "N"))
     found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
     assert (found.verdict, found.effects) == ("effect", ("friction_position",))
+
+
+def test_what_held_out_runs_ask_beyond_the_training_runs_is_said(monkeypatch):
+    base, (_, held) = magnet()[0], magnet_runs()
+    runs = [prepare(held, base.plant, base.noise)]
+    assert uncovered(base, runs) == []
+    slow = {"v": (-0.1, 0.1)}
+    monkeypatch.setattr("pneuid.criticism.uncovered.visited", lambda _runs, term, _fit: slow.get(term.signal, (0.0, 9e5)))
+    (words,) = uncovered(base, runs)
+    assert "of the held-out samples have v outside the -0.1 to 0.1 m/s of the training runs" in words
 
 
 @pytest.mark.parametrize(
@@ -159,6 +170,27 @@ def test_what_explains_the_larger_part_beside_an_effect_makes_it_unknown(effect,
     found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
     assert (found.verdict, found.effects) == (verdict, (effect,))
     assert found.unknown is not None and found.unknown.effect is not None
+
+
+@pytest.mark.parametrize(("alone", "named"), [(0.87, True), (0.75, False)])
+def test_a_form_that_explains_more_than_an_effect_in_its_place_is_shown(alone, named, monkeypatch):
+    """An offset of a sensor whose gain drifts explains 78 %; beside it no function helps."""
+    base, (_, held), found = magnet()[0], magnet_runs(), searched()
+    best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE["load_spring"]]))
+    left = 99.0 * (1.0 - 0.78)
+    in_place = replace(found, before=100.0, after=1.0 + 99.0 * (1.0 - alone))
+    beside = replace(found, before=1.0 + left, after=10.0 * left, gain=0.0)
+    monkeypatch.setattr("pneuid.criticism.unknown.search", lambda fit, *_: beside if fit is best else in_place)
+    monkeypatch.setattr("pneuid.criticism.unknown.comparable_costs", lambda *_: [2.0, 1.0])
+    rungs = [
+        Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6)
+        for effects, error in (((), 10.0), (("load_spring",), np.sqrt(1.0 + left)))
+    ]
+    diagnosis = Diagnosis("effect", ("load_spring",), (), Unknown("force", (), 1.0, "N"))
+    said = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
+    assert (said.verdict, said.effects) == ("effect", ("load_spring",))
+    assert said.unknown is not None
+    assert (said.unknown.effect is not None) is named
 
 
 @pytest.mark.parametrize(
@@ -196,6 +228,19 @@ class _Probes:
 
     def fitted(self, terms: list[Term]) -> SimpleNamespace:
         return SimpleNamespace(terms=tuple(terms), cost=self.pair_cost if len(terms) > 1 else 27_500.0)
+
+
+def test_a_half_that_fits_worse_alone_leads_where_the_pair_fits_best(monkeypatch):
+    """Alone the valve's gain fits better than one half of a leak across the piston; the two halves fit best."""
+    valve, half, other = Term("valve", "p2"), Term("flow_2", "x", "dp"), Term("flow_1", "x", "dp")
+    costs = {(valve,): 27_000.0, (half,): 27_500.0, (half, other): 24_000.0, (valve, half): 26_500.0}
+    one = lambda terms: SimpleNamespace(terms=tuple(terms), cost=costs[tuple(terms)])  # noqa: E731
+    probes = SimpleNamespace(start_cost=32_000.0, fitted=one)
+    seconds = {valve: half, half: other}
+    paired = lambda probing, _ranked, joint: probing.fitted([joint.terms[0], seconds[joint.terms[0]]])  # noqa: E731
+    monkeypatch.setattr("pneuid.criticism.unknown._with_second", paired)
+    ranked = [(4600.0, half), (4500.0, valve), (1000.0, other)]
+    assert [term.equation for term in followed(probes, ranked)[0].terms] == ["flow_2", "flow_1"]  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("pair_cost", "both"), [(26_200.0, True), (26_900.0, False)])

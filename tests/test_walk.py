@@ -203,7 +203,7 @@ def test_a_richer_friction_law_cannot_be_taken_out():
 def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(error, named, monkeypatch):
     """The effect leaves 19 or 2 where the base of 145 leaves 20 from where the effect led."""
     lead, smaller, chosen = score("load_mass", 900.0), stub(20.0, 26_500.0), stub(error, 25_000.0, "load_mass")
-    judge = SimpleNamespace(**vars(JUDGE), trial=lambda _: FIRST)
+    judge = SimpleNamespace(**vars(JUDGE), trial=lambda _: FIRST, held=())
     base, turns = SimpleNamespace(plant=None, noise=None), []
 
     def one_round(self, *_):
@@ -222,6 +222,7 @@ def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(
     monkeypatch.setattr(walk, "joined", lambda *_: None)
     monkeypatch.setattr(decision, "judge_of", lambda *_: judge)
     monkeypatch.setattr(decision, "too_slow", lambda _: None)
+    monkeypatch.setattr(decision, "uncovered", lambda *_: [])
     monkeypatch.setattr(decision, "_verdict", lambda ended, _: Diagnosis("effect", tuple(ended.named), ()))
     found = decision.diagnose(base, [], CATALOGUE, refitter=SimpleNamespace())
     assert turns[1] is (chosen if named else smaller)

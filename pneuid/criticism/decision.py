@@ -20,6 +20,7 @@ from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.rounds import ACTING_ON, LEAST_DROP, Say
 from pneuid.criticism.too_slow import too_slow
 from pneuid.criticism.trial import Trial, judge_of
+from pneuid.criticism.uncovered import uncovered
 from pneuid.criticism.walk import DEFECT_RATIO, MINOR, Walk, explained_away, explained_share, loudest
 from pneuid.effect import Effect
 from pneuid.estimation.fit import Fit
@@ -47,6 +48,11 @@ AT_BREAK_AWAY = (
 )
 
 CANNOT_FOLLOW = "whatever it starts from, a fit of the model cannot follow the training runs: something is missing"
+
+WORST_TENTH = (
+    "{}: {:.1f} % of the base model's held-out excess explained without the worst tenth of the windows; those are "
+    "predicted worse than before, look at them in compare: mostly a piston that breaks away, or does not, at another time"
+)
 
 SHOWN = (
     "the training runs leave more than noise themselves, and {} is what shows most in all runs; "
@@ -88,7 +94,8 @@ def diagnose(
             break
     walk.backward()
     found = _verdict(walk, slow is not None)
-    found = replace(found, sentences=(*found.sentences, *walk.moved), by_all_runs=walk.pooled)
+    beyond = [] if found.verdict == "adequate" else uncovered(base, judge.held)
+    found = replace(found, sentences=(*found.sentences, *walk.moved, *beyond), by_all_runs=walk.pooled)
     return Verdict(found, walk.current.fit, walk.first.fit, walk.rungs)
 
 
@@ -108,15 +115,18 @@ def _verdict(walk: Walk, slow: bool = False) -> Diagnosis:
         return _nothing_named(walk, words, ordered, slow, adequate)
     removed = (first.error - current.error) / max(first.error - 1.0, 1e-12)
     explained = explained_share(first, current, first)
-    if explained > 0.0 or not walk.pooled:  # what all runs show may predict worse while the training runs leave it open
+    if explained > 0.0:
         words.append(f"{', '.join(named)}: {100 * explained:.1f} % of the base model's held-out excess explained")
+    elif not walk.pooled:  # what all runs show may predict worse while the training runs leave it open
+        words.append(WORST_TENTH.format(", ".join(named), 100 * removed))
     # little of the excess gone: what was found stands beside something larger that the catalogue does not hold
     larger = not adequate and removed < MINOR
     rivals = tuple(name for name in walk.ambiguous.get(named[0], ()) if name not in named)
     much = removed < MOSTLY or current.error > STILL_FAR**2
     rest = _rest(current) if not adequate and much else None
     if rivals and not larger:
-        return Diagnosis("ambiguous", (named[0], *rivals, *named[1:]), ordered, rest, sentences=tuple(words))
+        every = (named[0], *rivals, *named[1:])
+        return Diagnosis("ambiguous", every, ordered, rest, sentences=tuple(words), beside=tuple(named[1:]))
     if rest is not None:
         words.append("a part of the error remains that no effect of the catalogue explains")
     elif current.error - 1.0 < judge.small:

@@ -101,6 +101,8 @@ class Diagnosis:
     sentences: tuple[str, ...] = field(default=())
     command: Command | None = field(default=None, compare=False)
     """What the next experiment plays; the command writes it to the file that ``next_experiment`` names."""
+    beside: tuple[str, ...] = ()
+    """Of the ``effects`` of an ambiguous verdict those that are missing whichever of the others is."""
     by_all_runs: bool = field(default=False, compare=False)
     """Whether the effect was named on all runs together, to which its model then is to be fitted."""
 
@@ -110,7 +112,7 @@ class Diagnosis:
         unknown = None if self.unknown is None else self.unknown.to_dict()
         return {
             "schema": 1, "verdict": self.verdict, "effects": list(self.effects), "ranking": ranking, "unknown": unknown,
-            "next_experiment": self.next_experiment, "sentences": list(self.sentences),
+            "next_experiment": self.next_experiment, "sentences": list(self.sentences), "beside": list(self.beside),
         }  # fmt: skip
 
     def to_pandas(self) -> pd.DataFrame:

@@ -18,8 +18,10 @@ from pneuid.criticism.distil import Distilled, distilled
 from pneuid.criticism.frozen import Frozen
 from pneuid.criticism.prediction import predict, rmse
 from pneuid.criticism.probes import Joint, Probing, weights
+from pneuid.criticism.uncovered import MUCH as UNCOVERED
+from pneuid.criticism.uncovered import outside
 from pneuid.effects._spline import KNOTS, Term, curve_columns, spline
-from pneuid.estimation.curves import POINTS, Curve, signal_of, visited
+from pneuid.estimation.curves import POINTS, Curve, visited
 from pneuid.estimation.fit import Fit, comparable_costs
 from pneuid.estimation.preparation import prepare
 from pneuid.plant import Plant
@@ -73,15 +75,14 @@ NEARLY_ALL, HALF = 0.9, 0.5
 the second of what they leave. Of nine rigs whose effect the catalogue holds, in another form, it leaves 2.4 times as much or
 more, or explains nothing; of seven that it does not hold 0.00, 0.02, 0.29, 0.69 and 0.82, 1.1 and 1.2 times."""
 
-BEYOND, MARGIN = 0.1, 0.05
-"""Share of the held-out samples outside the range of its signal in the training runs, beyond which a term takes no effect's
-place: out there nothing has shown it. Margin of that range, in its width."""
-
 UNSEEN = (
     "most of all the training runs show {}: it takes {:.1f} % of what they leave, the named effects take {:.1f} %; the "
     "held-out runs do not bear it out, and {:.0f} % of their samples lie outside its range in the training runs: train on runs "
     "that cover it"
 )
+
+IN_PLACE = "beside {0} nothing explains the rest; more than {0} does, in its place, a form that the catalogue lacks"
+"""Said where the effect stands, since it explains most, and a function alone explains a little more."""
 
 Say = Callable[[str], None]
 
@@ -124,10 +125,7 @@ def search(fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float], 
     ranked = ranking(probing)
     shown = ", ".join(f"{term.name} {100 * drop / probing.start_cost:.1f} %" for drop, term in ranked[:3])
     say(f"predicted drops of the cost: {shown}")
-    fits = sorted((probing.fitted([term]) for term in _leaders(ranked)), key=lambda joint: joint.cost)
-    gain = probing.start_cost - fits[0].cost
-    ties = tuple(joint.terms[0] for joint in fits[1:] if joint.cost - fits[0].cost < TIED * gain)
-    best = _with_second(probing, ranked, fits[0])
+    best, ties = followed(probing, ranked)
 
     def error(joint: Joint | None) -> float:
         found = _held_out(fit, joint, hold_out)
@@ -135,10 +133,21 @@ def search(fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float], 
 
     curve = _curve(fit, best)
     size = float(np.sqrt(np.mean((weights(best.terms[0], probing.scope) @ best.amplitudes[0]) ** 2)))
-    beyond, formula = _beyond(fit, best.terms[0], hold_out), distilled(best.terms[0], curve, fit)
+    beyond = outside(fit, best.terms[0], [prepare(run, fit.plant, fit.noise) for run in hold_out])
+    formula = distilled(best.terms[0], curve, fit)
     found = Found(best, error(None), error(best), curve, size, formula, ties, beyond, probing.start_cost - best.cost)
     say(f"{' + '.join(term.name for term in best.terms)}: removes {100 * found.explained:.0f} % of the held-out excess")
     return found
+
+
+def followed(probing: Probing, ranked: Sequence[tuple[float, Term]]) -> tuple[Joint, tuple[Term, ...]]:
+    """The joint fit that follows the training runs best, and the leading terms that follow them about as well."""
+    fits = sorted((probing.fitted([term]) for term in _leaders(ranked)), key=lambda joint: joint.cost)
+    gain = probing.start_cost - fits[0].cost
+    # one half of a leak across the piston may fit worse than what has no other half
+    best = min((_with_second(probing, ranked, joint) for joint in fits), key=lambda joint: joint.cost)
+    others = (joint for joint in fits if joint.terms[0] != best.terms[0])
+    return best, tuple(joint.terms[0] for joint in others if joint.cost - best.cost < TIED * gain)
 
 
 def ranking(probing: Probing) -> list[tuple[float, Term]]:
@@ -206,14 +215,6 @@ def _curve(fit: Fit, joint: Joint) -> Curve:
     )  # fmt: skip
 
 
-def _beyond(fit: Fit, term: Term, hold_out: Sequence[Recording]) -> float:
-    """Share of the ``hold_out`` samples at which the term's signal is outside its range in the training runs."""
-    low, high = visited(fit.runs, term, fit)
-    margin = MARGIN * (high - low)
-    seen = np.concatenate([signal_of(prepare(run, fit.plant, fit.noise), term.signal, fit) for run in hold_out])
-    return float(np.mean((seen < low - margin) | (seen > high + margin)))
-
-
 def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda _: None) -> Verdict:
     """The verdict with what is known of its unknown rest, unchanged where it has none or nothing explains it.
 
@@ -229,7 +230,7 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
     )
     theirs = {item.equation for item in verdict.best.plant.effects if item.name in diagnosis.effects}
     # effects that explain a good part of the held-out excess stand; what explains little may stand in for the rest
-    minor, much = diagnosis.verdict == "unknown", left > MUCH * excess
+    minor, much, alone = diagnosis.verdict == "unknown", left > MUCH * excess, None
     if diagnosis.effects and (minor or left > LITTLE * excess):
         alone = search(verdict.base, hold_out, floor, say)
         if alone.explains and (minor or much or _other(alone, theirs)) and _takes_place(alone, left):
@@ -240,10 +241,13 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
             )  # fmt: skip
             return replace(verdict, diagnosis=found, best=verdict.base)
     rest = search(verdict.best, hold_out, floor, say)
+    if not rest.explains and alone is not None and alone.explains and alone.beyond < UNCOVERED and alone.after - 1.0 < left:
+        sentences = (*diagnosis.sentences, IN_PLACE.format(", ".join(diagnosis.effects)), *_said(alone))
+        return replace(verdict, diagnosis=replace(diagnosis, unknown=_unknown(alone), sentences=sentences))
     if not rest.explains:
         return _seen_in_training(verdict, rest) if diagnosis.effects else verdict
     found = replace(diagnosis, unknown=_unknown(rest), sentences=(*diagnosis.sentences, *_said(rest)))
-    if diagnosis.effects and much and _other(rest, theirs) and rest.beyond < BEYOND and rest.explained > NEARLY_ALL:
+    if diagnosis.effects and much and _other(rest, theirs) and rest.beyond < UNCOVERED and rest.explained > NEARLY_ALL:
         found = replace(found, verdict="unknown")
     return replace(verdict, diagnosis=found)
 
@@ -267,7 +271,7 @@ def _other(found: Found, equations: set[str]) -> bool:
 
 def _takes_place(alone: Found, left: float) -> bool:
     """Whether a term beside no effect explains clearly more than effects that leave this squared excess of held-out runs."""
-    return alone.beyond < BEYOND and alone.after - 1.0 < (1.0 if alone.explained > NEARLY_ALL else HALF) * left
+    return alone.beyond < UNCOVERED and alone.after - 1.0 < (1.0 if alone.explained > NEARLY_ALL else HALF) * left
 
 
 def _unknown(found: Found) -> Unknown:

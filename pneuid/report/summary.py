@@ -67,10 +67,12 @@ def _tested(item: Candidate) -> str:
 
 def verdict_lines(diagnosis: Diagnosis) -> list[str]:
     """The verdict and its evidence, a line each."""
+    rivals = ", ".join(name for name in diagnosis.effects if name not in diagnosis.beside)
+    beside = f"; and {', '.join(diagnosis.beside)}" if diagnosis.beside else ""
     words = {
         "adequate": NOTHING_MISSING if NOTHING_MISSING in diagnosis.sentences else NOT_SHOWN,
         "effect": f"missing: {', '.join(diagnosis.effects)}",
-        "ambiguous": f"missing: one of {', '.join(diagnosis.effects)}; these data cannot tell which",
+        "ambiguous": f"missing: one of {rivals} (these data cannot tell which){beside}",
         "unknown": "something is missing that the catalogue does not hold",
     }
     said = [text for text in diagnosis.sentences if text != words[diagnosis.verdict]]

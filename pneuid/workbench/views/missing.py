@@ -17,7 +17,7 @@ from pneuid.workbench.views.parts import chart, live_job, model_choice
 _VERDICTS = {
     "adequate": ("Nothing is missing above the noise.", "good"),
     "effect": ("Missing: {effects}", "warning"),
-    "ambiguous": ("Missing: one of {effects}; these data cannot tell which.", "warning"),
+    "ambiguous": ("Missing: one of {effects}; these data cannot tell which{beside}.", "warning"),
     "unknown": ("Something is missing that the catalogue does not hold.", "warning"),
 }
 
@@ -50,9 +50,13 @@ def _diagnosis(page: Any, folder: str, found: Mapping[str, Any], running: bool) 
     if found["verdict"] == "adequate" and words.rstrip(".").lower() not in found.get("sentences", ()):
         # the words of pneuid.criticism.diagnosis, which brings more than the first page can wait for
         words, kind = "These runs do not show that an effect is missing.", "warning"
+    beside = found.get("beside", ())
+    rivals = [name for name in found["effects"] if name not in beside]
     with ui.column().classes(f"panel {kind} w-full gap-1"):
         text = (
-            ui.label(words.format(effects=", ".join(found["effects"]))).classes("head").props('data-testid="verdict"')
+            ui.label(words.format(effects=", ".join(rivals), beside=f"; and {', '.join(beside)}" if beside else ""))
+            .classes("head")
+            .props('data-testid="verdict"')
         )
         text.tooltip(f"{folder}/diagnosis.json")
         for sentence in found.get("sentences", ()):
