@@ -104,6 +104,16 @@ def test_costs_are_compared_with_loose_defects_where_one_has_no_others():
     assert rounds.accepted([(score("gravity", 5e3), unseen)], current, first, JUDGE) is None
 
 
+@pytest.mark.parametrize(("unseen", "taken"), [(4.0, True), (13.0, False)])
+def test_a_gain_read_off_the_judged_runs_themselves_does_not_count(unseen, taken):
+    """A warmth that starts anew in each run is a free level of friction: without it 4 or 13 of 20 squared floors are left."""
+    current, warm = stub(20.0, 30_000.0), stub(2.0, 25_000.0, "friction_warmup")
+    judge = SimpleNamespace(**{**vars(JUDGE), "unseen": lambda _: unseen})
+    found = rounds.accepted([(score("friction_warmup", 5e3), warm)], current, current, judge)
+    assert (found is not None) is taken
+
+
+
 def test_the_best_on_held_out_runs_is_accepted_not_the_best_on_training_runs():
     tried = [(score("gravity", 900.0), stub(20.0, 26_000.0)), (score("load_mass", 800.0), stub(10.0, 27_000.0))]
     found = rounds.accepted(tried, FIRST, FIRST, JUDGE)

@@ -47,7 +47,8 @@ def test_a_stiffness_that_a_missing_effect_drives_up_does_not_count():
 def test_slow_recordings_are_not_asked_for_what_acts_on_the_piston(slow, monkeypatch):
     known, base = [], stub(25.0, 14_000.0)
     monkeypatch.setattr(decision, "too_slow", lambda _: slow)
-    monkeypatch.setattr(decision, "judge_of", lambda *_: SimpleNamespace(**vars(JUDGE), trial=lambda _: base))
+    monkeypatch.setattr(decision, "judge_of", lambda *_: SimpleNamespace(**vars(JUDGE), trial=lambda _: base, held=()))
+    monkeypatch.setattr(decision, "uncovered", lambda *_: [])
     monkeypatch.setattr(decision, "loudest", lambda _: 3.0)
     monkeypatch.setattr(decision, "_rest", lambda _: None)
     monkeypatch.setattr(Walk, "rung", lambda *_: None)

@@ -10,7 +10,7 @@ from pneuid.effects import CATALOGUE
 
 JUDGE = SimpleNamespace(
     spread=0.02, small=0.15, explains=lambda trial: trial.error - 1.0 < 0.15, learned=lambda trial: trial.error - 1.0 < 0.15,
-    fits=lambda _: 1.0,
+    fits=lambda _: 1.0, unseen=lambda trial: trial.error,
 )
 
 

@@ -62,6 +62,9 @@ FORESEEN, WITHIN = 0.5, 3.0
 excess explained is enough: where break-away alone is at stake, two relaxed fits differ in cost by where their zigzag across
 the slips has stopped. What still leaves more has another cause, mostly a base model at a wrong optimum."""
 
+OWN_GAIN = 0.5
+"""Share of its gain on a bench's held-out runs that an effect must keep where these do not tell how its slow states start."""
+
 SMALL = 0.5
 """Share of a typical amplitude below which a refit has not been where a second look starts."""
 
@@ -218,7 +221,9 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[
             enough = now - after > max(LEAST_DROP, LEAST_PART * (before - now))
         near = part >= NEARLY_ALL and trial.error < WITHIN**2
         foreseen = near and judge.fits(trial) < FORESEEN**2 * judge.fits(current)
-        if excess > 0 and fall > 3 * judge.spread and share and (enough or foreseen) and inside_bounds(score, trial):
+        told = excess > 0 and fall > 3 * judge.spread and share and (enough or foreseen) and inside_bounds(score, trial)
+        # a level of friction per run, read off the run that is judged, passes for a slow state of the seal
+        if told and current.error - judge.unseen(trial) > OWN_GAIN * fall:
             good.append((score, trial))
     return min(good, key=lambda item: item[1].error) if good else None
 

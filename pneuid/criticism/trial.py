@@ -10,6 +10,7 @@ import numpy as np
 from pneuid.criticism.frozen import Frozen
 from pneuid.criticism.noise_floor import NoiseFloor, noise_floors
 from pneuid.criticism.prediction import Prediction, predict, rmse, typical
+from pneuid.criticism.unseen import unseen
 from pneuid.criticism.unsettled import unsettled
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import Run
@@ -51,9 +52,16 @@ class Judge:
         return self._trial(found, predict(Frozen.of(found), self.held), added)
 
     def across(self, found: Fit, others: Sequence[Fit], added: str | None = None) -> Trial:
-        """The same of a fit to all runs, each held-out run predicted by that one of ``others`` which was not fitted to it."""
-        ahead = [one for fit, run in zip(others, self.held, strict=True) for one in predict(Frozen.of(fit), [run])]
+        """The same of a fit to all runs of a bench, each held-out run predicted by that one of ``others`` which was not fitted
+        to it, and from nothing of its own force that it does not forget."""
+        ahead = [one for fit, run in zip(others, self.held, strict=True) for one in unseen(fit, [run])]
         return self._trial(found, ahead, added)
+
+    def unseen(self, trial: Trial) -> float:
+        """The trial's error where a bench's held-out runs tell nothing of states that they do not forget."""
+        if trial.fit.plant.servo or not trial.fit.plant.effect_states:
+            return trial.error
+        return _weighted(typical(unseen(trial.fit, self.held), trial.fit.plant.outputs), self.usual)
 
     def _trial(self, found: Fit, ahead: Sequence[Prediction], added: str | None) -> Trial:
         on_held, usual = rmse(ahead, found.plant.outputs), typical(ahead, found.plant.outputs)

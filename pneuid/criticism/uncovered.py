@@ -18,10 +18,8 @@ there, and the margin of that range, in its width."""
 SHOWN = {"p1": ("bar abs", 1e-5), "p2": ("bar abs", 1e-5), "v": ("m/s", 1.0), "x": ("mm", 1e3)}
 """Signals that are looked at, each with the unit it is said in and its factor from SI."""
 
-SAID = (
-    "{:.0f} % of the held-out samples have {} outside the {:.3g} to {:.3g} {} of the training runs: what a model does there "
-    "nothing has shown; train on runs that cover it"
-)
+SAID = "held-out samples lie outside the range of the training runs, where nothing has shown what the model does: {}"
+EACH = "{:.0f} % by {} ({:.3g} to {:.3g} {} in training)"
 
 
 def outside(fit: Fit, term: Term, held: Sequence[Run]) -> float:
@@ -33,12 +31,12 @@ def outside(fit: Fit, term: Term, held: Sequence[Run]) -> float:
 
 
 def uncovered(fit: Fit, held: Sequence[Run]) -> list[str]:
-    """A sentence for each signal that leaves the range of the training runs for much of the held-out ones."""
+    """A sentence on the signals that leave their range in the training runs for much of the held-out ones, if any does."""
     words = []
     for signal, (unit, factor) in SHOWN.items():
         term = Term("force", signal)
         share = outside(fit, term, held)
         if share > MUCH:
             low, high = (factor * end for end in visited(fit.runs, term, fit))
-            words.append(SAID.format(100 * share, signal, low, high, unit))
-    return words
+            words.append(EACH.format(100 * share, signal, low, high, unit))
+    return [SAID.format(", ".join(words))] if words else []
