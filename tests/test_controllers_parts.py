@@ -21,7 +21,17 @@ from controllers.nominal import nominal_model, rig_of
 from controllers.pid import Pid
 from controllers.references import Sine, Steps
 from controllers.registry import CONTROLLERS, build
-from controllers.tuning import Design, Trial, authority, cascade_bandwidth, default_bandwidth, pid_gains, refine_gains
+from controllers.tuning import (
+    BANDWIDTH_FACTORS,
+    Design,
+    Trial,
+    authority,
+    cascade_bandwidth,
+    default_bandwidth,
+    pid_gains,
+    refine_bandwidth,
+    refine_gains,
+)
 from pneuid.effects import effects_by_name
 from pneuid.plant import Plant
 from pneuid.rig import Rig
@@ -263,6 +273,23 @@ def test_refining_the_bandwidth_keeps_the_pole_pattern():
     w = servo.gains.damping / 2.0
     assert servo.gains.position == pytest.approx(w**2)
     assert servo.gains.integral == 0.0
+
+
+@pytest.mark.parametrize(
+    ("costs", "taken"),
+    [((9, 7, 5, 4.0, 4.2, 11, 18), 1.45), ((9, 7, 5, 4.0, 4.5, 11, 18), 1.2), ((9, 8, 7, 6, 5, 4, 3), 2.1)],
+    ids=["near equals", "one least", "the last"],
+)
+def test_of_bandwidths_that_cost_the_same_the_fastest_is_taken(costs, taken, monkeypatch):
+    pid, trial = Pid(BASE, pid_gains(BASE, Design(SUPPLY)), 1e-3), Trial(BASE, SUPPLY)
+    known = dict(zip(BANDWIDTH_FACTORS, costs, strict=True))
+
+    def gains_at(factor):
+        return replace(pid_gains(BASE, Design(SUPPLY)), proportional=factor)
+
+    monkeypatch.setattr(trial, "cost", lambda controller: known[controller.gains.proportional])
+    assert refine_bandwidth(pid, gains_at, trial) == taken
+    assert pid.gains.proportional == taken
 
 
 def test_the_model_plant_is_the_model():
