@@ -8,9 +8,8 @@ gives all that a Gauss-Newton solver needs: end state, its derivative, cost, gra
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -18,7 +17,7 @@ import numpy as np
 from pneuid.compiled import compile_functions
 from pneuid.lanes import Body, side_by_side
 from pneuid.mapped import pair
-from pneuid.plant import Plant
+from pneuid.plant import Plant, once_per_structure
 from pneuid.step import substep
 
 PREFIX = "pneuid"
@@ -68,7 +67,8 @@ def _split(plant: Plant, d: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
     return dt, w, slope, y, weight
 
 
-def _sample_functions(plant: Plant, selected: Sequence[str], substeps: int) -> dict[str, ca.Function]:
+@once_per_structure(8)
+def _sample_functions(plant: Plant, selected: tuple[str, ...], substeps: int) -> dict[str, ca.Function]:
     """SX building blocks of one sample: residual, substep, and both with derivatives."""
     s, d, theta = _symbols(plant)
     index = [plant.theta_names.index(name) for name in selected]
@@ -111,35 +111,50 @@ def _sample_functions(plant: Plant, selected: Sequence[str], substeps: int) -> d
     }
 
 
-def _chains(plant: Plant, selected: Sequence[str], samples: int, substeps: int) -> dict[str, ca.Function]:
-    """MX interval functions by name: the sample functions called in a row; generated code stays a list of calls."""
-    part = _sample_functions(plant, selected, substeps)
+def _chains(plant: Plant, selected: Sequence[str], samples: int, substeps: int) -> dict[str, Callable[[], ca.Function]]:
+    """Makers of the MX interval functions: the sample functions called in a row; generated code stays a list of calls."""
+    part = _sample_functions(plant, tuple(selected), substeps)
     ns, width = len(plant.states), len(selected) + len(plant.states)
     start = ca.MX.sym("s", ns)
     data = ca.MX.sym("data", data_rows(plant), samples)
     theta = ca.MX.sym("theta", len(plant.theta_names))
-    columns = ca.horzsplit(data)
+    given, columns = [start, data, theta], ca.horzsplit(data)
 
-    s, cost = start, ca.MX(1, 1)
-    outputs, states = [], [start]
-    for column in columns:
-        outputs.append(part["output"](s, column, theta))
-        cost = part["cost"](s, column, theta, cost)
+    def after(name: str, column: ca.MX, *state: ca.MX) -> tuple[ca.MX, ...]:
+        """What ``state`` has become at the next sample."""
         for j in range(substeps):
-            s = part["step"](s, j / substeps, column, theta)
-        states.append(s)
-    values = ca.Function(f"{PREFIX}_values", [start, data, theta], [s, cost])
-    trajectory = ca.Function(f"{PREFIX}_trajectory", [start, data, theta], [ca.horzcat(*outputs), ca.horzcat(*states)])
+            state = tuple(part[name].call([*state, j / substeps, column, theta]))
+        return state
 
-    s, S = start, _unmoved(ns, width)
-    gram, rows = ca.MX(ca.DM.zeros((width + 1) * (width + 2) // 2, 1)), []
-    for column in columns:
-        rows.append(part["rows"](s, S, column, theta))
-        gram = part["gram"](s, S, gram, column, theta)
-        for j in range(substeps):
-            s, S = part["move"](s, S, j / substeps, column, theta)
-    derivatives = ca.Function(f"{PREFIX}_derivatives", [start, data, theta], [s, S, gram])
-    jacobian = ca.Function(f"{PREFIX}_jacobian", [start, data, theta], [ca.vertcat(*rows), S])
+    def values() -> ca.Function:
+        s, cost = start, ca.MX(1, 1)
+        for column in columns:
+            cost = part["cost"](s, column, theta, cost)
+            (s,) = after("step", column, s)
+        return ca.Function(f"{PREFIX}_values", given, [s, cost])
+
+    def trajectory() -> ca.Function:
+        outputs, states = [], [start]
+        for column in columns:
+            outputs.append(part["output"](states[-1], column, theta))
+            states += after("step", column, states[-1])
+        return ca.Function(f"{PREFIX}_trajectory", given, [ca.horzcat(*outputs), ca.horzcat(*states)])
+
+    def derivatives() -> ca.Function:
+        s, S = start, _unmoved(ns, width)
+        gram = ca.MX(ca.DM.zeros((width + 1) * (width + 2) // 2, 1))
+        for column in columns:
+            gram = part["gram"](s, S, gram, column, theta)
+            s, S = after("move", column, s, S)
+        return ca.Function(f"{PREFIX}_derivatives", given, [s, S, gram])
+
+    def jacobian() -> ca.Function:
+        s, S, rows = start, _unmoved(ns, width), []
+        for column in columns:
+            rows.append(part["rows"](s, S, column, theta))
+            s, S = after("move", column, s, S)
+        return ca.Function(f"{PREFIX}_jacobian", given, [ca.vertcat(*rows), S])
+
     return {"values": values, "trajectory": trajectory, "derivatives": derivatives, "jacobian": jacobian}
 
 
@@ -193,7 +208,8 @@ def _bodies(plant: Plant, selected: Sequence[str], samples: int, substeps: int) 
             {"rows": ny * samples * width, "slopes": ns * width},
         ),
     }  # fmt: skip
-    return {name: Body("\n".join(lines), parts, given, found) for name, (parts, lines, found) in texts.items()}
+    then = f"copied(start, s, {ns});"
+    return {name: Body("\n".join(lines), parts, given, found, then) for name, (parts, lines, found) in texts.items()}
 
 
 def _unmoved(ns: int, width: int) -> ca.MX:
@@ -201,66 +217,48 @@ def _unmoved(ns: int, width: int) -> ca.MX:
     return ca.MX(ca.DM(np.hstack([np.zeros((ns, width - ns)), np.eye(ns)])))
 
 
-@lru_cache(maxsize=64)
-def _build(plant_key: tuple, selected: tuple[str, ...], samples: int, substeps: int) -> IntervalFunction:
+@once_per_structure(64)
+def _build(plant: Plant, selected: tuple[str, ...], samples: int, substeps: int) -> IntervalFunction:
     names = ("values", "derivatives", "trajectory")
-    (values, derivatives, trajectory), done = _compiled(_PLANTS[plant_key], selected, samples, substeps, names)
+    (values, derivatives, trajectory), done = _compiled(plant, selected, samples, substeps, names)
     return IntervalFunction(values, derivatives, trajectory, samples, substeps, selected, done)
 
 
-@lru_cache(maxsize=128)
-def _single(plant_key: tuple, selected: tuple[str, ...], samples: int, substeps: int, name: str) -> ca.Function:
-    (function,), _ = _compiled(_PLANTS[plant_key], selected, samples, substeps, (name,))
+@once_per_structure(128)
+def _single(plant: Plant, selected: tuple[str, ...], samples: int, substeps: int, name: str) -> ca.Function:
+    (function,), _ = _compiled(plant, selected, samples, substeps, (name,))
     return function
 
 
 def _compiled(
     plant: Plant, selected: Sequence[str], samples: int, substeps: int, names: Sequence[str]
 ) -> tuple[list[ca.Function], bool]:
-    """The chains, each with a twin that runs them side by side, and whether they are compiled.
+    """The chains of these names, each with a twin that runs them side by side, and whether they are compiled.
 
-    With twins only a trajectory is compiled for a single interval too, since a run simulated from its start has one at a time.
+    Where there are twins the chains themselves stay as they are: they say what the twins give, and nothing runs them.
     """
-    chains, bodies = _chains(plant, selected, samples, substeps), _bodies(plant, selected, samples, substeps)
-    twins = side_by_side(_sample_functions(plant, selected, substeps), {name: bodies[name] for name in names}, PREFIX)
-    single = [name for name in names if not twins or name == "trajectory"]
-    built, done = compile_functions([chains[name] for name in single], PREFIX)
-    made = {name: chains[name] for name in names} | dict(zip(single, built, strict=True))
-    for name, twin in twins.items():
-        pair(made[name], twin)
-    return [made[name] for name in names], done or bool(twins)
-
-
-_PLANTS: dict[tuple, Plant] = {}
-
-
-def structure_key(plant: Plant) -> tuple:
-    """What the generated code depends on: the kind of rig, the friction law and the effects."""
-    return (
-        plant.rig.kind,
-        plant.law.name,
-        tuple(type(effect) for effect in plant.effects),
-        plant.theta_names,
-    )
+    bodies, chains = _bodies(plant, selected, samples, substeps), _chains(plant, selected, samples, substeps)
+    parts = _sample_functions(plant, tuple(selected), substeps)
+    twins = side_by_side(parts, {name: bodies[name] for name in names}, PREFIX)
+    made = [chains[name]() for name in names]
+    if not twins:
+        return compile_functions(made, PREFIX)
+    for name, chain in zip(names, made, strict=True):
+        pair(chain, twins[name])
+    return made, True
 
 
 def interval_function(plant: Plant, selected: Sequence[str], samples: int, substeps: int) -> IntervalFunction:
     """The interval function of ``plant`` with derivatives for the ``selected`` parameters; built once per process."""
-    key = structure_key(plant)
-    _PLANTS.setdefault(key, plant)
-    return _build(key, tuple(selected), samples, substeps)
+    return _build(plant, tuple(selected), samples, substeps)
 
 
 def trajectory_function(plant: Plant, samples: int, substeps: int) -> ca.Function:
     """``IntervalFunction.trajectory`` alone, which compiles in a fraction of the time."""
-    key = structure_key(plant)
-    _PLANTS.setdefault(key, plant)
-    return _single(key, (), samples, substeps, "trajectory")
+    return _single(plant, (), samples, substeps, "trajectory")
 
 
 def jacobian_function(plant: Plant, selected: Sequence[str], samples: int, substeps: int) -> ca.Function:
     """``(s, data, theta) -> (rows, sensitivity)``: derivatives of the weighted outputs, ``(ny * K) x (np + ns)``, sample
     by sample, and of the end state, ``ns x (np + ns)``, with respect to ``[theta selected, s]``."""
-    key = structure_key(plant)
-    _PLANTS.setdefault(key, plant)
-    return _single(key, tuple(selected), samples, substeps, "jacobian")
+    return _single(plant, tuple(selected), samples, substeps, "jacobian")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pneuid.interval import IntervalFunction
-from pneuid.mapped import Mapped
+from pneuid.mapped import InARow, Mapped
 
 STUCK = 1e5
 """Damping of a search beyond which no step from where it is lowers the cost."""
@@ -30,18 +30,11 @@ def simulate(function: IntervalFunction, start: np.ndarray, data: np.ndarray, th
     """
     W, _rows, N = data.shape
     K = function.samples
-    ny = function.trajectory.size1_out(0)
-    ns = start.shape[1]
-    outputs, states = np.empty((W, ny, N)), np.empty((W, ns, N))
-    run = Mapped(function.trajectory, W)
-    s = start.T
-    for first in range(0, N, K):
-        shown, passed = run(s, _side_by_side(data[:, :, first : first + K]), theta.T)
-        outputs[:, :, first : first + K] = shown.reshape(ny, W, K).transpose(1, 0, 2)
-        passed = passed.reshape(ns, W, K + 1)
-        states[:, :, first : first + K] = passed[:, :, :K].transpose(1, 0, 2)
-        s = passed[:, :, K]
-    return Trajectory(outputs, states, s.T)
+    intervals = N // K
+    run = InARow(function.trajectory, np.full(W, intervals))
+    shown, passed = run(start.T, _side_by_side(data), np.repeat(theta.T, intervals, axis=1))
+    outputs, states = (item.reshape(W, N, -1).transpose(0, 2, 1) for item in (shown, passed[:, :K]))
+    return Trajectory(outputs, states, passed[intervals - 1 :: intervals, K])
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a window may diverge; it counts as infinitely bad
