@@ -390,7 +390,8 @@ def test_a_trial_point_far_out_is_refused_by_the_solver_and_no_warning():
 def test_the_continuity_jacobian_agrees_with_differences():
     problem, X = _small_problem()
     assembly = Assembly(problem, relaxed=False)
-    jacobian = assembly.jacobian_matrix(assembly.jacobian(problem.evaluate(X), X))[: assembly.ndef]
+    _, slope = problem.constraints(X[: problem.nq])
+    jacobian = assembly.jacobian_matrix(assembly.jacobian(problem.evaluate(X), slope))[: assembly.pattern.ndef]
     dense = jacobian.toarray()
     assert dense.shape == (problem.linked.size * problem.ns, problem.size)
     for j in (*range(problem.nq), problem.nq + 1, problem.nq + 7, problem.size - 1):

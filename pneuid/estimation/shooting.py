@@ -195,11 +195,12 @@ class Shooting:
     def theta_of(self, changed: Mapping[str, float], plant: Plant | None = None) -> np.ndarray:
         """The same from physical values of some parameters, for another ``plant`` on the same runs if one is given."""
         values = self.values | dict(changed)
-        columns = []
-        for run in self.runs:
-            mass, shift = run.own.constants(values)
-            columns.append((plant or self.plant).theta(values, self.ranges, mass, self.smoothing, shift))
+        columns = [self._column(run, values, plant or self.plant) for run in self.runs]
         return np.repeat(np.array(columns).T, np.diff(self.first), axis=1)
+
+    def _column(self, run: Run, values: Mapping[str, float], plant: Plant) -> np.ndarray:
+        mass, shift = run.own.constants(values)
+        return plant.theta(values, self.ranges, mass, self.smoothing, shift)
 
     def split(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``q`` and the physical node states ``(ns, nint)``."""
@@ -340,6 +341,11 @@ class Shooting:
 
     # --- inequalities among the parameters ---
 
+    @property
+    def ncon(self) -> int:
+        """Number of these inequalities."""
+        return int(_constraint_function(self.plant).size1_out(0))
+
     def constraints(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values ``(nc,)`` (>= 0 wanted, divided by their typical size) and Jacobian ``(nc, nq)`` in ``q``."""
         value, slope = self._constraints(q)
@@ -347,7 +353,8 @@ class Shooting:
         return value / size, slope / size[:, None]
 
     def _constraints(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        value, by_theta = self._map_constraints(self.theta(q)[:, 0])
+        values = self.values | dict(zip(self.free, self.scaling.to_values(q), strict=True))
+        value, by_theta = self._map_constraints(self._column(self.runs[0], values, self.plant))
         slope = np.zeros((value.shape[0], self.nq))
         slope[:, self._shared] = by_theta[:, self._index]
         return value[:, 0], slope * self.scaling.slope(q)
