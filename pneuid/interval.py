@@ -8,8 +8,9 @@ gives all that a Gauss-Newton solver needs: end state, its derivative, cost, gra
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -18,7 +19,7 @@ from pneuid.compiled import compile_functions
 from pneuid.lanes import Body, side_by_side
 from pneuid.mapped import pair
 from pneuid.plant import Plant, once_per_structure
-from pneuid.step import substep
+from pneuid.step import STRUCTURES, substep
 
 PREFIX = "pneuid"
 
@@ -67,92 +68,114 @@ def _split(plant: Plant, d: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
     return dt, w, slope, y, weight
 
 
-@once_per_structure(8)
-def _sample_functions(plant: Plant, selected: tuple[str, ...], substeps: int) -> dict[str, ca.Function]:
-    """SX building blocks of one sample: residual, substep, and both with derivatives."""
-    s, d, theta = _symbols(plant)
+class _Symbols:
+    """State, sample, parameters and step of one sample, and the functions of these that a chain calls by name."""
+
+    def __init__(self, plant: Plant) -> None:
+        self.s, self.d, self.theta = _symbols(plant)
+        dt, w, slope, y, weight = _split(plant, self.d)
+        outputs = plant.evaluate(self.s, w, self.theta).outputs
+        self.shown = ca.vertcat(*(outputs[name] for name in plant.outputs))
+        self.residual = weight * (self.shown - y)
+        self.fraction, self.h = ca.SX.sym("fraction"), ca.SX.sym("h")
+        self.moved = substep(plant, self.s, w + self.fraction * dt * slope, slope, self.h, self.theta)
+
+    def function(self, name: str, given: Mapping[str, ca.SX], result: Sequence[ca.SX]) -> ca.Function:
+        """A function of ``given``, the sample and the parameters."""
+        given = {**given, "d": self.d, "theta": self.theta}
+        expressions = ca.cse([ca.densify(item) for item in result])
+        return ca.Function(f"{PREFIX}_{name}", [*given.values()], expressions, [*given], [f"r{i}" for i in range(len(result))])
+
+
+@once_per_structure(STRUCTURES)
+def _symbols_of(plant: Plant) -> _Symbols:
+    return _Symbols(plant)
+
+
+@once_per_structure(STRUCTURES)
+def _plain_parts(plant: Plant) -> dict[str, ca.Function]:
+    """SX building blocks of one sample without derivatives: outputs, cost and a step of ``h`` seconds."""
+    at, cost = _symbols_of(plant), ca.SX.sym("cost")
+    return {
+        "output": at.function("output", {"s": at.s}, [at.shown]),
+        "cost": at.function("cost", {"s": at.s, "cost": cost}, [cost + ca.dot(at.residual, at.residual)]),
+        "step": at.function("step", {"s": at.s, "fraction": at.fraction, "h": at.h}, [at.moved]),
+    }
+
+
+@once_per_structure(STRUCTURES)
+def _slope_parts(plant: Plant, selected: tuple[str, ...]) -> dict[str, ca.Function]:
+    """The same with derivatives by the ``selected`` parameters and the first state."""
+    at = _symbols_of(plant)
     index = [plant.theta_names.index(name) for name in selected]
-    dt, w, slope, y, weight = _split(plant, d)
     ns, np_ = len(plant.states), len(index)
-
-    outputs = plant.evaluate(s, w, theta).outputs
-    shown = ca.vertcat(*(outputs[name] for name in plant.outputs))
-    residual = weight * (shown - y)
-    fraction = ca.SX.sym("fraction")
-    h = dt / substeps
-    moved = substep(plant, s, w + fraction * dt * slope, slope, h, theta)
-
-    chosen = theta[index] if index else ca.SX(0, 1)
+    chosen = at.theta[index] if index else ca.SX(0, 1)
     S = ca.SX.sym("S", ns, np_ + ns)
-    A, B = ca.jacobian(moved, s), ca.jacobian(moved, chosen)
+    A, B = ca.jacobian(at.moved, at.s), ca.jacobian(at.moved, chosen)
     S_next = A @ S + ca.horzcat(B, ca.SX(ns, ns))
-    H, Hp = ca.jacobian(residual, s), ca.jacobian(residual, chosen)
-    rows = ca.horzcat(H @ S + ca.horzcat(Hp, ca.SX(len(plant.outputs), ns)), residual)
+    H, Hp = ca.jacobian(at.residual, at.s), ca.jacobian(at.residual, chosen)
+    rows = ca.horzcat(H @ S + ca.horzcat(Hp, ca.SX(len(plant.outputs), ns)), at.residual)
     gram = ca.SX.sym("G", (np_ + ns + 1) * (np_ + ns + 2) // 2)
     full = ca.densify(rows).T @ ca.densify(rows)
     packed = ca.vertcat(*(full[: j + 1, j] for j in range(np_ + ns + 1)))
-
-    cost = ca.SX.sym("cost")
-    named = {"s": s, "d": d, "theta": theta, "fraction": fraction, "S": S, "gram": gram, "cost": cost}
-
-    def function(name: str, given: Sequence[str], result: list) -> ca.Function:
-        expressions = ca.cse([ca.densify(item) for item in result])
-        shown = [f"r{i}" for i in range(len(result))]
-        return ca.Function(f"{PREFIX}_{name}", [named[one] for one in given], expressions, list(given), shown)
-
+    both = {"s": at.s, "S": S}
     return {
-        "output": function("output", ("s", "d", "theta"), [shown]),
-        "cost": function("cost", ("s", "d", "theta", "cost"), [cost + ca.dot(residual, residual)]),
-        "step": function("step", ("s", "fraction", "d", "theta"), [moved]),
-        "gram": function("gram", ("s", "S", "gram", "d", "theta"), [gram + packed]),
-        "weighted": function("weighted", ("s", "S", "d", "theta"), [rows]),
-        "rows": function("rows", ("s", "S", "d", "theta"), [rows[:, : np_ + ns]]),
-        "move": function("move", ("s", "S", "fraction", "d", "theta"), [moved, S_next]),
+        "gram": at.function("gram", {**both, "gram": gram}, [gram + packed]),
+        "weighted": at.function("weighted", both, [rows]),
+        "rows": at.function("rows", both, [rows[:, : np_ + ns]]),
+        "move": at.function("move", {**both, "fraction": at.fraction, "h": at.h}, [at.moved, S_next]),
     }
+
+
+def _part(plant: Plant, selected: Sequence[str], name: str) -> ca.Function:
+    """A building block of one sample by name."""
+    plain = _plain_parts(plant)
+    return plain[name] if name in plain else _slope_parts(plant, tuple(selected))[name]
 
 
 def _chains(plant: Plant, selected: Sequence[str], samples: int, substeps: int) -> dict[str, Callable[[], ca.Function]]:
     """Makers of the MX interval functions: the sample functions called in a row; generated code stays a list of calls."""
-    part = _sample_functions(plant, tuple(selected), substeps)
     ns, width = len(plant.states), len(selected) + len(plant.states)
     start = ca.MX.sym("s", ns)
     data = ca.MX.sym("data", data_rows(plant), samples)
     theta = ca.MX.sym("theta", len(plant.theta_names))
     given, columns = [start, data, theta], ca.horzsplit(data)
+    part = partial(_part, plant, selected)
 
-    def after(name: str, column: ca.MX, *state: ca.MX) -> tuple[ca.MX, ...]:
+    def after(step: ca.Function, column: ca.MX, *state: ca.MX) -> tuple[ca.MX, ...]:
         """What ``state`` has become at the next sample."""
+        h = column[0] / substeps
         for j in range(substeps):
-            state = tuple(part[name].call([*state, j / substeps, column, theta]))
+            state = tuple(step.call([*state, j / substeps, h, column, theta]))
         return state
 
     def values() -> ca.Function:
-        s, cost = start, ca.MX(1, 1)
+        add, step, s, cost = part("cost"), part("step"), start, ca.MX(1, 1)
         for column in columns:
-            cost = part["cost"](s, column, theta, cost)
-            (s,) = after("step", column, s)
+            cost = add(s, cost, column, theta)
+            (s,) = after(step, column, s)
         return ca.Function(f"{PREFIX}_values", given, [s, cost])
 
     def trajectory() -> ca.Function:
-        outputs, states = [], [start]
+        output, step, outputs, states = part("output"), part("step"), [], [start]
         for column in columns:
-            outputs.append(part["output"](states[-1], column, theta))
-            states += after("step", column, states[-1])
+            outputs.append(output(states[-1], column, theta))
+            states += after(step, column, states[-1])
         return ca.Function(f"{PREFIX}_trajectory", given, [ca.horzcat(*outputs), ca.horzcat(*states)])
 
     def derivatives() -> ca.Function:
-        s, S = start, _unmoved(ns, width)
+        add, move, s, S = part("gram"), part("move"), start, _unmoved(ns, width)
         gram = ca.MX(ca.DM.zeros((width + 1) * (width + 2) // 2, 1))
         for column in columns:
-            gram = part["gram"](s, S, gram, column, theta)
-            s, S = after("move", column, s, S)
+            gram = add(s, S, gram, column, theta)
+            s, S = after(move, column, s, S)
         return ca.Function(f"{PREFIX}_derivatives", given, [s, S, gram])
 
     def jacobian() -> ca.Function:
-        s, S, rows = start, _unmoved(ns, width), []
+        weighted, move, s, S, rows = part("rows"), part("move"), start, _unmoved(ns, width), []
         for column in columns:
-            rows.append(part["rows"](s, S, column, theta))
-            s, S = after("move", column, s, S)
+            rows.append(weighted(s, S, column, theta))
+            s, S = after(move, column, s, S)
         return ca.Function(f"{PREFIX}_jacobian", given, [ca.vertcat(*rows), S])
 
     return {"values": values, "trajectory": trajectory, "derivatives": derivatives, "jacobian": jacobian}
@@ -169,10 +192,10 @@ def _bodies(plant: Plant, selected: Sequence[str], samples: int, substeps: int) 
         f"for (int i = 0; i < {ns}; i++) S[{ns} * ({width - ns} + i) + i] = ALL(1.0);"
     )
     each = f"for (int k = 0; k < {samples}; k++) {{ const v *d = data + k * {rows};"
-    inner = f"for (int j = 0; j < {substeps}; j++) {{ v fraction[1] = {{ALL((double)j / {substeps})}};"
-    step = f"{inner} step(s, fraction, d, theta, step_constant, moved); copied(s, moved, {ns}); }}"
+    inner = f"for (int j = 0; j < {substeps}; j++) {{ v h[1] = {{*d / {substeps}.0}}, fraction[1] = {{ALL(j / {substeps}.0)}};"
+    step = f"{inner} step(s, fraction, h, d, theta, step_constant, moved); copied(s, moved, {ns}); }}"
     move = (
-        f"{inner} move(s, S, fraction, d, theta, move_constant, moved, turned);\n"
+        f"{inner} move(s, S, fraction, h, d, theta, move_constant, moved, turned);\n"
         f"copied(s, moved, {ns}); copied(S, turned, {ns * width}); }}"
     )
     ends = f"copied(end_, s, {ns});"
@@ -184,7 +207,7 @@ def _bodies(plant: Plant, selected: Sequence[str], samples: int, substeps: int) 
     texts = {
         "values": (
             ("cost", "step"),
-            [begin, "v sum[1] = {ALL(0.0)};", each, "cost(s, d, theta, sum, cost_constant, cost_); *sum = *cost_;", step, "}",
+            [begin, "v sum[1] = {ALL(0.0)};", each, "cost(s, sum, d, theta, cost_constant, cost_); *sum = *cost_;", step, "}",
              ends],
             {"end": ns, "cost": 1},
         ),
@@ -237,9 +260,10 @@ def _compiled(
 
     Where there are twins the chains themselves stay as they are: they say what the twins give, and nothing runs them.
     """
-    bodies, chains = _bodies(plant, selected, samples, substeps), _chains(plant, selected, samples, substeps)
-    parts = _sample_functions(plant, tuple(selected), substeps)
-    twins = side_by_side(parts, {name: bodies[name] for name in names}, PREFIX)
+    every, chains = _bodies(plant, selected, samples, substeps), _chains(plant, selected, samples, substeps)
+    bodies = {name: every[name] for name in names}
+    parts = {part: _part(plant, selected, part) for body in bodies.values() for part in body.parts}
+    twins = side_by_side(parts, bodies, PREFIX)
     made = [chains[name]() for name in names]
     if not twins:
         return compile_functions(made, PREFIX)

@@ -56,9 +56,14 @@ def source(parts: Mapping[str, ca.Function], bodies: Mapping[str, Body], lanes: 
     Raises ``NoLanesError``.
     """
     used = sorted({name for body in bodies.values() for name in body.parts})
-    made = {name: Written(parts[name], name, parts[name].name_in().index("theta")) for name in used}
+    made = {name: _written(parts[name], name) for name in used}
     text = [f"#define LANES {lanes}", HEAD, *(one.text for one in made.values())]
     return "\n".join([*text, *(_entry(name, body, [made[part] for part in body.parts]) for name, body in bodies.items())])
+
+
+@lru_cache(maxsize=32)
+def _written(part: ca.Function, name: str) -> Written:
+    return Written(part, name, part.name_in().index("theta"))
 
 
 def _entry(name: str, body: Body, parts: Sequence[Written]) -> str:
