@@ -142,40 +142,42 @@ def _chains(plant: Plant, selected: Sequence[str], samples: int, substeps: int) 
     given, columns = [start, data, theta], ca.horzsplit(data)
     part = partial(_part, plant, selected)
 
-    def after(step: ca.Function, column: ca.MX, *state: ca.MX) -> tuple[ca.MX, ...]:
-        """What ``state`` has become at the next sample."""
-        h = column[0] / substeps
+    def sampled(name: str) -> ca.Function:
+        """What the substeps of one sample make of the state, in a row."""
+        one = part(name)
+        state, column, at = one.mx_in()[:-4], ca.MX.sym("d", data.size1()), ca.MX.sym("theta", theta.numel())
+        after = state
         for j in range(substeps):
-            state = tuple(step.call([*state, j / substeps, h, column, theta]))
-        return state
+            after = one.call([*after, j / substeps, column[0] / substeps, column, at])
+        return ca.Function(f"{one.name()}_sampled", [*state, column, at], after)
 
     def values() -> ca.Function:
-        add, step, s, cost = part("cost"), part("step"), start, ca.MX(1, 1)
+        add, step, s, cost = part("cost"), sampled("step"), start, ca.MX(1, 1)
         for column in columns:
             cost = add(s, cost, column, theta)
-            (s,) = after(step, column, s)
+            s = step(s, column, theta)
         return ca.Function(f"{PREFIX}_values", given, [s, cost])
 
     def trajectory() -> ca.Function:
-        output, step, outputs, states = part("output"), part("step"), [], [start]
+        output, step, outputs, states = part("output"), sampled("step"), [], [start]
         for column in columns:
             outputs.append(output(states[-1], column, theta))
-            states += after(step, column, states[-1])
+            states.append(step(states[-1], column, theta))
         return ca.Function(f"{PREFIX}_trajectory", given, [ca.horzcat(*outputs), ca.horzcat(*states)])
 
     def derivatives() -> ca.Function:
-        add, move, s, S = part("gram"), part("move"), start, _unmoved(ns, width)
+        add, move, s, S = part("gram"), sampled("move"), start, _unmoved(ns, width)
         gram = ca.MX(ca.DM.zeros((width + 1) * (width + 2) // 2, 1))
         for column in columns:
             gram = add(s, S, gram, column, theta)
-            s, S = after(move, column, s, S)
+            s, S = move(s, S, column, theta)
         return ca.Function(f"{PREFIX}_derivatives", given, [s, S, gram])
 
     def jacobian() -> ca.Function:
-        weighted, move, s, S, rows = part("rows"), part("move"), start, _unmoved(ns, width), []
+        weighted, move, s, S, rows = part("rows"), sampled("move"), start, _unmoved(ns, width), []
         for column in columns:
             rows.append(weighted(s, S, column, theta))
-            s, S = after(move, column, s, S)
+            s, S = move(s, S, column, theta)
         return ca.Function(f"{PREFIX}_jacobian", given, [ca.vertcat(*rows), S])
 
     return {"values": values, "trajectory": trajectory, "derivatives": derivatives, "jacobian": jacobian}
