@@ -221,20 +221,24 @@ def _bodies(plant: Plant, selected: Sequence[str], samples: int, substeps: int) 
         ),
         "derivatives": (
             ("weighted", "move"),
-            [begin, slopes, f"for (int i = 0; i < {packed}; i++) gram_[i] = ALL(0.0);", each, gram, move, "}", ends,
-             f"copied(slopes_, S, {ns * width});"],
+            [begin, each, gram, move, "}", ends, f"copied(slopes_, S, {ns * width});"],
             {"end": ns, "slopes": ns * width, "gram": packed},
         ),
         "jacobian": (
             ("rows", "move"),
-            [begin, slopes, each, f"v R[{ny * width}]; rows(s, S, d, theta, rows_constant, R);",
+            [begin, each, f"v R[{ny * width}]; rows(s, S, d, theta, rows_constant, R);",
              f"for (int j = 0; j < {width}; j++) copied(rows_ + (j * {samples} + k) * {ny}, R + j * {ny}, {ny});", move, "}",
              f"copied(slopes_, S, {ns * width});"],
             {"rows": ny * samples * width, "slopes": ns * width},
         ),
     }  # fmt: skip
+    # slopes and what is summed up with them belong to a window, so that they are those by its first state
+    first = {"derivatives": f"{slopes} for (int i = 0; i < {packed}; i++) gram_[i] = ALL(0.0);", "jacobian": slopes}
     then = f"copied(start, s, {ns});"
-    return {name: Body("\n".join(lines), parts, given, found, then) for name, (parts, lines, found) in texts.items()}
+    return {
+        name: Body("\n".join(lines), parts, given, found, first.get(name, ""), then)
+        for name, (parts, lines, found) in texts.items()
+    }
 
 
 def _unmoved(ns: int, width: int) -> ca.MX:

@@ -29,13 +29,15 @@ class Body:
     """C of one interval: it calls ``parts``, reads ``given`` and fills ``found``, arrays of vectors of these sizes by name.
 
     A part ``NAME`` is called with its inputs, ``NAME_constant`` and its outputs; an array that is filled ends in ``_``. What is
-    given as ``start`` belongs to the first interval of a window; ``then`` makes of it the start of the next.
+    given as ``start`` belongs to a window's first interval, before which ``first`` runs; ``then`` makes of it the start of the
+    next.
     """
 
     text: str
     parts: tuple[str, ...]
     given: Mapping[str, int]
     found: Mapping[str, int]
+    first: str = ""
     then: str = ""
 
 
@@ -83,7 +85,7 @@ def _entry(name: str, body: Body, parts: Sequence[Written]) -> str:
         "for (long i = first; i < last; i += LANES) { long window[LANES], at[LANES], length[LANES], longest = 0;",
         "for (long l = 0; l < LANES; l++) { window[l] = smaller(i + l, last - 1);",
         "length[l] = i + l < last ? edges[i + l + 1] - edges[i + l] : 0; longest = -smaller(-longest, -length[l]); }",
-        gather.pop("start").format("window"), "for (long k = 0; k < longest; k++) {",
+        gather.pop("start").format("window"), body.first, "for (long k = 0; k < longest; k++) {",
         "for (long l = 0; l < LANES; l++) at[l] = smaller(edges[window[l]] + k, edges[window[l] + 1] - 1);",
         *(line.format("at") for line in gather.values()),
         *(f"{part.name}_before(theta, {part.name}_constant);" for part in parts), body.text, *scatter, body.then, "}", "}", "}",

@@ -84,44 +84,74 @@ def _held(given: Sequence[np.ndarray], sizes: Sequence[int], name: str) -> list[
 
 
 class InARow:
-    """A trajectory function of ``(state, data, theta)`` along windows of intervals: within a window each starts where the one
-    before it ended, and windows run side by side on ``threads`` threads.
+    """A chain of ``(state, data, theta)`` along windows of intervals: each interval starts where the one before it ended, and
+    windows run side by side on ``threads`` threads.
 
     lengths : intervals of every window, ``(W,)``, at least one each; a window's intervals lie one after the other.
     """
 
-    def __init__(self, trajectory: ca.Function, lengths: np.ndarray, threads: int = 1) -> None:
-        self._trajectory, self._name, self._lengths = trajectory, trajectory.name(), np.asarray(lengths)
+    def __init__(self, chain: ca.Function, lengths: np.ndarray, threads: int = 1) -> None:
+        self._chain, self._name, self._lengths = chain, chain.name(), np.asarray(lengths)
         self._edges = np.concatenate([[0], np.cumsum(self._lengths)]).astype(ctypes.c_long)
         windows, count = self._lengths.size, int(self._edges[-1])
         self._threads = min(threads, windows // WORTH_A_THREAD)
-        self._sizes = [trajectory.numel_in(i) * (count if i else windows) for i in range(trajectory.n_in())]
-        self._shapes = [(count, trajectory.size2_out(i), trajectory.size1_out(i)) for i in range(trajectory.n_out())]
+        self._sizes = [chain.numel_in(i) * (count if i else windows) for i in range(chain.n_in())]
+        self._shapes = [(count, chain.size2_out(i), chain.size1_out(i)) for i in range(chain.n_out())]
 
-    def __call__(self, start: np.ndarray, data: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Outputs ``(intervals, K, ny)`` and states ``(intervals, K + 1, ns)`` from the windows' first states ``(ns, W)``.
+    def __call__(self, start: np.ndarray, data: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, ...]:
+        """The chain's outputs ``(intervals, columns, rows)`` from the windows' first states ``(ns, W)``.
 
         data : ``(rows, intervals * K)``; theta : ``(ntheta, intervals)``. Raises ``ValueError`` for an input of another size.
         """
         held = _held((start, data, theta), self._sizes, self._name)
-        outputs, states = (np.empty(shape) for shape in self._shapes)
-        twin = _TWINS.get(self._trajectory)
+        twin = _TWINS.get(self._chain)
+        found = tuple(np.empty(shape) for shape in self._shapes)
         if twin is None:
-            self._step_by_step(held, outputs, states)
+            self._step_by_step(held, found)
         else:
-            twin(held, (outputs, states), self._edges, self._threads)
-        return outputs, states
+            twin(held, found, self._edges, self._threads)
+        return found
 
-    def _step_by_step(self, held: Sequence[np.ndarray], outputs: np.ndarray, states: np.ndarray) -> None:
+    def _step_by_step(self, held: Sequence[np.ndarray], found: tuple[np.ndarray, ...]) -> None:
         """The first intervals of all windows, then the second ones of those that have one, and so on."""
-        intervals, K, _ = outputs.shape
         state = held[0].reshape(self._lengths.size, -1).copy()
-        data, theta = (item.reshape(intervals, -1) for item in held[1:])
+        data, theta = (item.reshape(self._edges[-1], -1) for item in held[1:])
         for k in range(int(self._lengths.max())):
             going = np.flatnonzero(self._lengths > k)
             at = self._edges[going] + k
-            run = Mapped(self._trajectory, going.size, self._threads)
-            columns = data[at].reshape(going.size * K, -1)
-            shown, passed = run(state[going].T, columns.T, theta[at].T)
-            outputs[at], states[at] = shown.T.reshape(going.size, K, -1), passed.T.reshape(going.size, K + 1, -1)
-            state[going] = states[at, K]
+            run = Mapped(self._chain, going.size, self._threads)
+            columns = data[at].reshape(-1, self._chain.size1_in(1))
+            for item, result in zip(found, run(state[going].T, columns.T, theta[at].T), strict=True):
+                item[at] = result.T.reshape(going.size, *item.shape[1:])
+            state[going] = self._gone_on(found, going, at, k)
+
+    def _gone_on(self, found: tuple[np.ndarray, ...], going: np.ndarray, at: np.ndarray, k: int) -> np.ndarray:
+        """States ``(going, ns)`` in which the next intervals start; ``found`` of the intervals ``at`` is that of each alone."""
+        raise NotImplementedError
+
+
+class Trajectories(InARow):
+    """Outputs ``(intervals, K, ny)`` and states ``(intervals, K + 1, ns)`` along windows, of a trajectory function."""
+
+    def _gone_on(self, found: tuple[np.ndarray, ...], going: np.ndarray, at: np.ndarray, k: int) -> np.ndarray:  # noqa: ARG002
+        return np.asarray(found[1][at, -1])
+
+
+class Slopes(InARow):
+    """End states ``(intervals, 1, ns)`` along windows, of a function of derivatives; their slopes ``(intervals, width, ns)`` by
+    parameters and the window's first state; packed Gram blocks ``(intervals, 1, size)`` summed up since its beginning.
+    """
+
+    def _gone_on(self, found: tuple[np.ndarray, ...], going: np.ndarray, at: np.ndarray, k: int) -> np.ndarray:
+        ends, slopes, grams = found
+        if k:
+            _, width, ns = slopes.shape
+            cols, rows = np.tril_indices(width + 1)
+            # derivative of [parameters, interval's first state, 1] with respect to [parameters, window's first state, 1]
+            inward = np.tile(np.eye(width + 1), (going.size, 1, 1))
+            inward[:, width - ns : width, :width] = slopes[at - 1].transpose(0, 2, 1)
+            own = np.empty_like(inward)
+            own[:, rows, cols] = own[:, cols, rows] = grams[at, 0]
+            grams[at, 0] = grams[at - 1, 0] + (inward.transpose(0, 2, 1) @ own @ inward)[:, rows, cols]
+            slopes[at] = inward[:, :width, :width].transpose(0, 2, 1) @ slopes[at]
+        return np.asarray(ends[at, 0])

@@ -20,7 +20,7 @@ from pneuid.effects import CATALOGUE
 from pneuid.estimation.preparation import noise_of, prepare
 from pneuid.interval import interval_function, jacobian_function
 from pneuid.lanes import Body, SideBySide, side_by_side, source
-from pneuid.mapped import InARow, Mapped
+from pneuid.mapped import Mapped, Slopes, Trajectories
 from pneuid.plant import Plant
 from pneuid.vectors import OPERATIONS, NoLanesError
 
@@ -170,17 +170,21 @@ def test_every_effect_runs_side_by_side_like_one_by_one(effects):
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_windows_of_any_length_run_side_by_side_like_one_by_one(threads, monkeypatch):
+@pytest.mark.parametrize(
+    ("kind", "name", "free"), [(Trajectories, "trajectory", 0), (Slopes, "derivatives", 0), (Slopes, "derivatives", 8)]
+)
+def test_windows_of_any_length_run_side_by_side_like_one_by_one(kind, name, free, threads, monkeypatch):
     plant = Plant(rig(), "lugre")
     lengths = np.array([*range(1, 20), *range(30, 3, -1)])
     _, data, theta = inputs(plant, lengths.sum())
     start, _, _ = inputs(plant, lengths.size)
-    trajectory = interval_function(plant, (), K, SUBSTEPS).trajectory
-    beside = InARow(trajectory, lengths, threads)(start, data, theta)
-    monkeypatch.delitem(pneuid.mapped._TWINS, trajectory)
-    for found, wanted in zip(beside, InARow(trajectory, lengths)(start, data, theta), strict=True):
-        size = np.abs(wanted).max(axis=(0, 1))
-        np.testing.assert_allclose(found / size, wanted / size, rtol=1e-9, atol=1e-9)
+    theta = np.repeat(theta[:, : lengths.size], lengths, axis=1)
+    chain = getattr(interval_function(plant, plant.parameter_names[:free], K, SUBSTEPS), name)
+    beside = kind(chain, lengths, threads)(start, data, theta)
+    monkeypatch.delitem(pneuid.mapped._TWINS, chain)
+    for found, wanted in zip(beside, kind(chain, lengths)(start, data, theta), strict=True):
+        size = np.abs(wanted).max(axis=0) + 1e-300
+        np.testing.assert_allclose(found / size, wanted / size, rtol=1e-8, atol=1e-9)
 
 
 def _in_a_child(queue) -> None:

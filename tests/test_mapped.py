@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from pneuid.mapped import InARow, Mapped
+from pneuid.mapped import Mapped, Trajectories
 
 finite = st.floats(-1e6, 1e6)
 
@@ -72,7 +72,7 @@ def _trajectory() -> ca.Function:
 def test_every_interval_starts_where_the_one_before_it_ended(threads, lengths, seed):
     function, rng, count = _trajectory(), np.random.default_rng(seed), sum(lengths)
     start, data, theta = rng.normal(size=(2, len(lengths))), rng.normal(size=(1, 2 * count)), rng.normal(size=(1, count))
-    outputs, states = InARow(function, np.array(lengths), threads)(start, data, theta)
+    outputs, states = Trajectories(function, np.array(lengths), threads)(start, data, theta)
     i = 0
     for window, length in enumerate(lengths):
         s = start[:, window]

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from pneuid.estimation.shooting import Evaluation, Shooting, threads
-from pneuid.mapped import InARow
+from pneuid.mapped import Trajectories
 
 
 @dataclass(frozen=True)
@@ -110,5 +110,5 @@ class Chained(Shooting):
         return Walked(states[:, 0].T, states[self.starts + self.lengths - 1, -1].T, shown, costs)
 
     @cached_property
-    def _in_a_row(self) -> InARow:
-        return InARow(self.function.trajectory, self.lengths, threads())
+    def _in_a_row(self) -> Trajectories:
+        return Trajectories(self.function.trajectory, self.lengths, threads())
