@@ -306,8 +306,7 @@ def _ipopt(evaluator: _Evaluator, options: dict) -> tuple[ca.Function, list[_Fun
     each = _Function("pneuid_iteration", evaluator, shapes, [scalar], progress)
     x = ca.MX.sym("x", n)
     f, g = fg(x)
-    # a step whose residual is small as it is needs no refinement
-    ipopt = {"print_level": 0, "sb": "yes", "max_iter": 200, "min_refinement_steps": 0, **options}
+    ipopt = {"print_level": 0, "sb": "yes", "max_iter": 200, **options}
     solver = ca.nlpsol(
         "pneuid_nlp", "ipopt", {"x": x, "f": f, "g": g},
         {"grad_f": grad_f, "jac_g": jac_g, "hess_lag": hess, "no_nlp_grad": True, "calc_lam_p": False,
