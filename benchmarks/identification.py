@@ -223,7 +223,7 @@ def scaling(samples: int, _: argparse.Namespace) -> Row:
     memory = (peak() - before) / samples
     problem, X = found.problem, found.relaxed.X
     q, nodes = problem.split(X)
-    chain = _chains(plant, (), problem.samples, problem.substeps)["values"]
+    chain = _chains(plant, (), problem.samples, problem.substeps)["values"]()
     in_turn = Mapped(compile_functions([chain], "pneuid_forward")[0][0], problem.nint)
     once = min(repeat(lambda: in_turn(nodes, problem.data, problem.theta(q)), number=1, repeat=5))
     beside = min(repeat(lambda: problem.evaluate_values(X), number=1, repeat=5))

@@ -8,9 +8,9 @@ gives all that a Gauss-Newton solver needs: end state, its derivative, cost, gra
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -18,8 +18,8 @@ import numpy as np
 from pneuid.compiled import compile_functions
 from pneuid.lanes import Body, side_by_side
 from pneuid.mapped import pair
-from pneuid.plant import Plant
-from pneuid.step import substep
+from pneuid.plant import Plant, once_per_structure
+from pneuid.step import STRUCTURES, substep
 
 PREFIX = "pneuid"
 
@@ -68,78 +68,118 @@ def _split(plant: Plant, d: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
     return dt, w, slope, y, weight
 
 
-def _sample_functions(plant: Plant, selected: Sequence[str], substeps: int) -> dict[str, ca.Function]:
-    """SX building blocks of one sample: residual, substep, and both with derivatives."""
-    s, d, theta = _symbols(plant)
-    index = [plant.theta_names.index(name) for name in selected]
-    dt, w, slope, y, weight = _split(plant, d)
-    ns, np_ = len(plant.states), len(index)
+class _Symbols:
+    """State, sample, parameters and step of one sample, and the functions of these that a chain calls by name."""
 
-    outputs = plant.evaluate(s, w, theta).outputs
-    shown = ca.vertcat(*(outputs[name] for name in plant.outputs))
-    residual = weight * (shown - y)
-    fraction = ca.SX.sym("fraction")
-    h = dt / substeps
-    moved = substep(plant, s, w + fraction * dt * slope, slope, h, theta)
+    def __init__(self, plant: Plant) -> None:
+        self.s, self.d, self.theta = _symbols(plant)
+        dt, w, slope, y, weight = _split(plant, self.d)
+        outputs = plant.evaluate(self.s, w, self.theta).outputs
+        self.shown = ca.vertcat(*(outputs[name] for name in plant.outputs))
+        self.residual = weight * (self.shown - y)
+        self.fraction, self.h = ca.SX.sym("fraction"), ca.SX.sym("h")
+        self.moved = substep(plant, self.s, w + self.fraction * dt * slope, slope, self.h, self.theta)
 
-    chosen = theta[index] if index else ca.SX(0, 1)
-    S = ca.SX.sym("S", ns, np_ + ns)
-    A, B = ca.jacobian(moved, s), ca.jacobian(moved, chosen)
-    S_next = A @ S + ca.horzcat(B, ca.SX(ns, ns))
-    H, Hp = ca.jacobian(residual, s), ca.jacobian(residual, chosen)
-    rows = ca.horzcat(H @ S + ca.horzcat(Hp, ca.SX(len(plant.outputs), ns)), residual)
-    gram = ca.SX.sym("G", (np_ + ns + 1) * (np_ + ns + 2) // 2)
-    full = ca.densify(rows).T @ ca.densify(rows)
-    packed = ca.vertcat(*(full[: j + 1, j] for j in range(np_ + ns + 1)))
-
-    cost = ca.SX.sym("cost")
-    named = {"s": s, "d": d, "theta": theta, "fraction": fraction, "S": S, "gram": gram, "cost": cost}
-
-    def function(name: str, given: Sequence[str], result: list) -> ca.Function:
+    def function(self, name: str, given: Mapping[str, ca.SX], result: Sequence[ca.SX]) -> ca.Function:
+        """A function of ``given``, the sample and the parameters."""
+        given = {**given, "d": self.d, "theta": self.theta}
         expressions = ca.cse([ca.densify(item) for item in result])
-        shown = [f"r{i}" for i in range(len(result))]
-        return ca.Function(f"{PREFIX}_{name}", [named[one] for one in given], expressions, list(given), shown)
+        return ca.Function(f"{PREFIX}_{name}", [*given.values()], expressions, [*given], [f"r{i}" for i in range(len(result))])
 
+
+@once_per_structure(STRUCTURES)
+def _symbols_of(plant: Plant) -> _Symbols:
+    return _Symbols(plant)
+
+
+@once_per_structure(STRUCTURES)
+def _plain_parts(plant: Plant) -> dict[str, ca.Function]:
+    """SX building blocks of one sample without derivatives: outputs, cost and a step of ``h`` seconds."""
+    at, cost = _symbols_of(plant), ca.SX.sym("cost")
     return {
-        "output": function("output", ("s", "d", "theta"), [shown]),
-        "cost": function("cost", ("s", "d", "theta", "cost"), [cost + ca.dot(residual, residual)]),
-        "step": function("step", ("s", "fraction", "d", "theta"), [moved]),
-        "gram": function("gram", ("s", "S", "gram", "d", "theta"), [gram + packed]),
-        "weighted": function("weighted", ("s", "S", "d", "theta"), [rows]),
-        "rows": function("rows", ("s", "S", "d", "theta"), [rows[:, : np_ + ns]]),
-        "move": function("move", ("s", "S", "fraction", "d", "theta"), [moved, S_next]),
+        "output": at.function("output", {"s": at.s}, [at.shown]),
+        "cost": at.function("cost", {"s": at.s, "cost": cost}, [cost + ca.dot(at.residual, at.residual)]),
+        "step": at.function("step", {"s": at.s, "fraction": at.fraction, "h": at.h}, [at.moved]),
     }
 
 
-def _chains(plant: Plant, selected: Sequence[str], samples: int, substeps: int) -> dict[str, ca.Function]:
-    """MX interval functions by name: the sample functions called in a row; generated code stays a list of calls."""
-    part = _sample_functions(plant, selected, substeps)
+@once_per_structure(STRUCTURES)
+def _slope_parts(plant: Plant, selected: tuple[str, ...]) -> dict[str, ca.Function]:
+    """The same with derivatives by the ``selected`` parameters and the first state."""
+    at = _symbols_of(plant)
+    index = [plant.theta_names.index(name) for name in selected]
+    ns, np_ = len(plant.states), len(index)
+    chosen = at.theta[index] if index else ca.SX(0, 1)
+    S = ca.SX.sym("S", ns, np_ + ns)
+    A, B = ca.jacobian(at.moved, at.s), ca.jacobian(at.moved, chosen)
+    S_next = A @ S + ca.horzcat(B, ca.SX(ns, ns))
+    H, Hp = ca.jacobian(at.residual, at.s), ca.jacobian(at.residual, chosen)
+    rows = ca.horzcat(H @ S + ca.horzcat(Hp, ca.SX(len(plant.outputs), ns)), at.residual)
+    gram = ca.SX.sym("G", (np_ + ns + 1) * (np_ + ns + 2) // 2)
+    full = ca.densify(rows).T @ ca.densify(rows)
+    packed = ca.vertcat(*(full[: j + 1, j] for j in range(np_ + ns + 1)))
+    both = {"s": at.s, "S": S}
+    return {
+        "gram": at.function("gram", {**both, "gram": gram}, [gram + packed]),
+        "weighted": at.function("weighted", both, [rows]),
+        "rows": at.function("rows", both, [rows[:, : np_ + ns]]),
+        "move": at.function("move", {**both, "fraction": at.fraction, "h": at.h}, [at.moved, S_next]),
+    }
+
+
+def _part(plant: Plant, selected: Sequence[str], name: str) -> ca.Function:
+    """A building block of one sample by name."""
+    plain = _plain_parts(plant)
+    return plain[name] if name in plain else _slope_parts(plant, tuple(selected))[name]
+
+
+def _chains(plant: Plant, selected: Sequence[str], samples: int, substeps: int) -> dict[str, Callable[[], ca.Function]]:
+    """Makers of the MX interval functions: the sample functions called in a row; generated code stays a list of calls."""
     ns, width = len(plant.states), len(selected) + len(plant.states)
     start = ca.MX.sym("s", ns)
     data = ca.MX.sym("data", data_rows(plant), samples)
     theta = ca.MX.sym("theta", len(plant.theta_names))
-    columns = ca.horzsplit(data)
+    given, columns = [start, data, theta], ca.horzsplit(data)
+    part = partial(_part, plant, selected)
 
-    s, cost = start, ca.MX(1, 1)
-    outputs, states = [], [start]
-    for column in columns:
-        outputs.append(part["output"](s, column, theta))
-        cost = part["cost"](s, column, theta, cost)
+    def sampled(name: str) -> ca.Function:
+        """What the substeps of one sample make of the state, in a row."""
+        one = part(name)
+        state, column, at = one.mx_in()[:-4], ca.MX.sym("d", data.size1()), ca.MX.sym("theta", theta.numel())
+        after = state
         for j in range(substeps):
-            s = part["step"](s, j / substeps, column, theta)
-        states.append(s)
-    values = ca.Function(f"{PREFIX}_values", [start, data, theta], [s, cost])
-    trajectory = ca.Function(f"{PREFIX}_trajectory", [start, data, theta], [ca.horzcat(*outputs), ca.horzcat(*states)])
+            after = one.call([*after, j / substeps, column[0] / substeps, column, at])
+        return ca.Function(f"{one.name()}_sampled", [*state, column, at], after)
 
-    s, S = start, _unmoved(ns, width)
-    gram, rows = ca.MX(ca.DM.zeros((width + 1) * (width + 2) // 2, 1)), []
-    for column in columns:
-        rows.append(part["rows"](s, S, column, theta))
-        gram = part["gram"](s, S, gram, column, theta)
-        for j in range(substeps):
-            s, S = part["move"](s, S, j / substeps, column, theta)
-    derivatives = ca.Function(f"{PREFIX}_derivatives", [start, data, theta], [s, S, gram])
-    jacobian = ca.Function(f"{PREFIX}_jacobian", [start, data, theta], [ca.vertcat(*rows), S])
+    def values() -> ca.Function:
+        add, step, s, cost = part("cost"), sampled("step"), start, ca.MX(1, 1)
+        for column in columns:
+            cost = add(s, cost, column, theta)
+            s = step(s, column, theta)
+        return ca.Function(f"{PREFIX}_values", given, [s, cost])
+
+    def trajectory() -> ca.Function:
+        output, step, outputs, states = part("output"), sampled("step"), [], [start]
+        for column in columns:
+            outputs.append(output(states[-1], column, theta))
+            states.append(step(states[-1], column, theta))
+        return ca.Function(f"{PREFIX}_trajectory", given, [ca.horzcat(*outputs), ca.horzcat(*states)])
+
+    def derivatives() -> ca.Function:
+        add, move, s, S = part("gram"), sampled("move"), start, _unmoved(ns, width)
+        gram = ca.MX(ca.DM.zeros((width + 1) * (width + 2) // 2, 1))
+        for column in columns:
+            gram = add(s, S, gram, column, theta)
+            s, S = move(s, S, column, theta)
+        return ca.Function(f"{PREFIX}_derivatives", given, [s, S, gram])
+
+    def jacobian() -> ca.Function:
+        weighted, move, s, S, rows = part("rows"), sampled("move"), start, _unmoved(ns, width), []
+        for column in columns:
+            rows.append(weighted(s, S, column, theta))
+            s, S = move(s, S, column, theta)
+        return ca.Function(f"{PREFIX}_jacobian", given, [ca.vertcat(*rows), S])
+
     return {"values": values, "trajectory": trajectory, "derivatives": derivatives, "jacobian": jacobian}
 
 
@@ -154,10 +194,10 @@ def _bodies(plant: Plant, selected: Sequence[str], samples: int, substeps: int) 
         f"for (int i = 0; i < {ns}; i++) S[{ns} * ({width - ns} + i) + i] = ALL(1.0);"
     )
     each = f"for (int k = 0; k < {samples}; k++) {{ const v *d = data + k * {rows};"
-    inner = f"for (int j = 0; j < {substeps}; j++) {{ v fraction[1] = {{ALL((double)j / {substeps})}};"
-    step = f"{inner} step(s, fraction, d, theta, step_constant, moved); copied(s, moved, {ns}); }}"
+    inner = f"for (int j = 0; j < {substeps}; j++) {{ v h[1] = {{*d / {substeps}.0}}, fraction[1] = {{ALL(j / {substeps}.0)}};"
+    step = f"{inner} step(s, fraction, h, d, theta, step_constant, moved); copied(s, moved, {ns}); }}"
     move = (
-        f"{inner} move(s, S, fraction, d, theta, move_constant, moved, turned);\n"
+        f"{inner} move(s, S, fraction, h, d, theta, move_constant, moved, turned);\n"
         f"copied(s, moved, {ns}); copied(S, turned, {ns * width}); }}"
     )
     ends = f"copied(end_, s, {ns});"
@@ -169,7 +209,7 @@ def _bodies(plant: Plant, selected: Sequence[str], samples: int, substeps: int) 
     texts = {
         "values": (
             ("cost", "step"),
-            [begin, "v sum[1] = {ALL(0.0)};", each, "cost(s, d, theta, sum, cost_constant, cost_); *sum = *cost_;", step, "}",
+            [begin, "v sum[1] = {ALL(0.0)};", each, "cost(s, sum, d, theta, cost_constant, cost_); *sum = *cost_;", step, "}",
              ends],
             {"end": ns, "cost": 1},
         ),
@@ -181,19 +221,24 @@ def _bodies(plant: Plant, selected: Sequence[str], samples: int, substeps: int) 
         ),
         "derivatives": (
             ("weighted", "move"),
-            [begin, slopes, f"for (int i = 0; i < {packed}; i++) gram_[i] = ALL(0.0);", each, gram, move, "}", ends,
-             f"copied(slopes_, S, {ns * width});"],
+            [begin, each, gram, move, "}", ends, f"copied(slopes_, S, {ns * width});"],
             {"end": ns, "slopes": ns * width, "gram": packed},
         ),
         "jacobian": (
             ("rows", "move"),
-            [begin, slopes, each, f"v R[{ny * width}]; rows(s, S, d, theta, rows_constant, R);",
+            [begin, each, f"v R[{ny * width}]; rows(s, S, d, theta, rows_constant, R);",
              f"for (int j = 0; j < {width}; j++) copied(rows_ + (j * {samples} + k) * {ny}, R + j * {ny}, {ny});", move, "}",
              f"copied(slopes_, S, {ns * width});"],
             {"rows": ny * samples * width, "slopes": ns * width},
         ),
     }  # fmt: skip
-    return {name: Body("\n".join(lines), parts, given, found) for name, (parts, lines, found) in texts.items()}
+    # slopes and what is summed up with them belong to a window, so that they are those by its first state
+    first = {"derivatives": f"{slopes} for (int i = 0; i < {packed}; i++) gram_[i] = ALL(0.0);", "jacobian": slopes}
+    then = f"copied(start, s, {ns});"
+    return {
+        name: Body("\n".join(lines), parts, given, found, first.get(name, ""), then)
+        for name, (parts, lines, found) in texts.items()
+    }
 
 
 def _unmoved(ns: int, width: int) -> ca.MX:
@@ -201,66 +246,49 @@ def _unmoved(ns: int, width: int) -> ca.MX:
     return ca.MX(ca.DM(np.hstack([np.zeros((ns, width - ns)), np.eye(ns)])))
 
 
-@lru_cache(maxsize=64)
-def _build(plant_key: tuple, selected: tuple[str, ...], samples: int, substeps: int) -> IntervalFunction:
+@once_per_structure(64)
+def _build(plant: Plant, selected: tuple[str, ...], samples: int, substeps: int) -> IntervalFunction:
     names = ("values", "derivatives", "trajectory")
-    (values, derivatives, trajectory), done = _compiled(_PLANTS[plant_key], selected, samples, substeps, names)
+    (values, derivatives, trajectory), done = _compiled(plant, selected, samples, substeps, names)
     return IntervalFunction(values, derivatives, trajectory, samples, substeps, selected, done)
 
 
-@lru_cache(maxsize=128)
-def _single(plant_key: tuple, selected: tuple[str, ...], samples: int, substeps: int, name: str) -> ca.Function:
-    (function,), _ = _compiled(_PLANTS[plant_key], selected, samples, substeps, (name,))
+@once_per_structure(128)
+def _single(plant: Plant, selected: tuple[str, ...], samples: int, substeps: int, name: str) -> ca.Function:
+    (function,), _ = _compiled(plant, selected, samples, substeps, (name,))
     return function
 
 
 def _compiled(
     plant: Plant, selected: Sequence[str], samples: int, substeps: int, names: Sequence[str]
 ) -> tuple[list[ca.Function], bool]:
-    """The chains, each with a twin that runs them side by side, and whether they are compiled.
+    """The chains of these names, each with a twin that runs them side by side, and whether they are compiled.
 
-    With twins only a trajectory is compiled for a single interval too, since a run simulated from its start has one at a time.
+    Where there are twins the chains themselves stay as they are: they say what the twins give, and nothing runs them.
     """
-    chains, bodies = _chains(plant, selected, samples, substeps), _bodies(plant, selected, samples, substeps)
-    twins = side_by_side(_sample_functions(plant, selected, substeps), {name: bodies[name] for name in names}, PREFIX)
-    single = [name for name in names if not twins or name == "trajectory"]
-    built, done = compile_functions([chains[name] for name in single], PREFIX)
-    made = {name: chains[name] for name in names} | dict(zip(single, built, strict=True))
-    for name, twin in twins.items():
-        pair(made[name], twin)
-    return [made[name] for name in names], done or bool(twins)
-
-
-_PLANTS: dict[tuple, Plant] = {}
-
-
-def structure_key(plant: Plant) -> tuple:
-    """What the generated code depends on: the kind of rig, the friction law and the effects."""
-    return (
-        plant.rig.kind,
-        plant.law.name,
-        tuple(type(effect) for effect in plant.effects),
-        plant.theta_names,
-    )
+    every, chains = _bodies(plant, selected, samples, substeps), _chains(plant, selected, samples, substeps)
+    bodies = {name: every[name] for name in names}
+    parts = {part: _part(plant, selected, part) for body in bodies.values() for part in body.parts}
+    twins = side_by_side(parts, bodies, PREFIX)
+    made = [chains[name]() for name in names]
+    if not twins:
+        return compile_functions(made, PREFIX)
+    for name, chain in zip(names, made, strict=True):
+        pair(chain, twins[name])
+    return made, True
 
 
 def interval_function(plant: Plant, selected: Sequence[str], samples: int, substeps: int) -> IntervalFunction:
     """The interval function of ``plant`` with derivatives for the ``selected`` parameters; built once per process."""
-    key = structure_key(plant)
-    _PLANTS.setdefault(key, plant)
-    return _build(key, tuple(selected), samples, substeps)
+    return _build(plant, tuple(selected), samples, substeps)
 
 
 def trajectory_function(plant: Plant, samples: int, substeps: int) -> ca.Function:
     """``IntervalFunction.trajectory`` alone, which compiles in a fraction of the time."""
-    key = structure_key(plant)
-    _PLANTS.setdefault(key, plant)
-    return _single(key, (), samples, substeps, "trajectory")
+    return _single(plant, (), samples, substeps, "trajectory")
 
 
 def jacobian_function(plant: Plant, selected: Sequence[str], samples: int, substeps: int) -> ca.Function:
     """``(s, data, theta) -> (rows, sensitivity)``: derivatives of the weighted outputs, ``(ny * K) x (np + ns)``, sample
     by sample, and of the end state, ``ns x (np + ns)``, with respect to ``[theta selected, s]``."""
-    key = structure_key(plant)
-    _PLANTS.setdefault(key, plant)
-    return _single(key, tuple(selected), samples, substeps, "jacobian")
+    return _single(plant, tuple(selected), samples, substeps, "jacobian")

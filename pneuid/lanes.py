@@ -1,8 +1,9 @@
 """Intervals side by side, one in every lane of the processor's vectors.
 
 Intervals of a recording share every instruction and differ in their numbers alone, so that four or eight of them take about
-the time of one to three. Samples and substeps are loops around the functions that `vectors` writes. Where the compiler knows no
-vectors, intervals run one after the other.
+the time of one to three. Samples and substeps are loops around the functions that `vectors` writes; a further one goes from
+interval to interval of a window that is simulated from its first state. Where the compiler knows no vectors, intervals run one
+after the other.
 """
 
 from __future__ import annotations
@@ -25,15 +26,19 @@ from pneuid.vectors import HEAD, NoLanesError, Written
 
 @dataclass(frozen=True)
 class Body:
-    """C of one chain: it calls ``parts``, reads ``given`` and fills ``found``, arrays of vectors of these sizes by name.
+    """C of one interval: it calls ``parts``, reads ``given`` and fills ``found``, arrays of vectors of these sizes by name.
 
-    A part ``NAME`` is called with its inputs, ``NAME_constant`` and its outputs; an array that is filled ends in ``_``.
+    A part ``NAME`` is called with its inputs, ``NAME_constant`` and its outputs; an array that is filled ends in ``_``. What is
+    given as ``start`` belongs to a window's first interval, before which ``first`` runs; ``then`` makes of it the start of the
+    next.
     """
 
     text: str
     parts: tuple[str, ...]
     given: Mapping[str, int]
     found: Mapping[str, int]
+    first: str = ""
+    then: str = ""
 
 
 def side_by_side(parts: Mapping[str, ca.Function], bodies: Mapping[str, Body], prefix: str) -> dict[str, SideBySide]:
@@ -53,23 +58,37 @@ def source(parts: Mapping[str, ca.Function], bodies: Mapping[str, Body], lanes: 
     Raises ``NoLanesError``.
     """
     used = sorted({name for body in bodies.values() for name in body.parts})
-    made = {name: Written(parts[name], name, parts[name].name_in().index("theta")) for name in used}
+    made = {name: _written(parts[name], name) for name in used}
     text = [f"#define LANES {lanes}", HEAD, *(one.text for one in made.values())]
     return "\n".join([*text, *(_entry(name, body, [made[part] for part in body.parts]) for name, body in bodies.items())])
 
 
+@lru_cache(maxsize=32)
+def _written(part: ca.Function, name: str) -> Written:
+    return Written(part, name, part.name_in().index("theta"))
+
+
 def _entry(name: str, body: Body, parts: Sequence[Written]) -> str:
-    """Gathers lanes, runs the chain, scatters what it found; intervals ``first`` to ``last - 1``."""
+    """Windows ``first`` to ``last - 1``: gathers lanes, runs the body and scatters what it found, interval by interval.
+
+    Window ``i`` holds the intervals ``edges[i]`` to ``edges[i + 1] - 1``; a lane whose window is over repeats its last interval
+    for nothing.
+    """
     arguments = [f"const double *{one}_given" for one in body.given] + [f"double *{one}_found" for one in body.found]
     arrays = [f"v {one}[{size}];" for one, size in body.given.items()]
     arrays += [f"v {one}_[{size}];" for one, size in body.found.items()]
     arrays += [f"v {part.name}_constant[{part.constants + 1}];" for part in parts]
-    gather = [f"into_lanes({one}, {one}_given + i * {size}, {size}, here);" for one, size in body.given.items()]
-    scatter = [f"out_of_lanes({one}_found + i * {size}, {one}_, {size}, here);" for one, size in body.found.items()]
+    gather = {one: f"into_lanes({one}, {one}_given, {size}, {{}});" for one, size in body.given.items()}
+    scatter = [f"out_of_lanes({one}_found, {one}_, {size}, at, k, length);" for one, size in body.found.items()]
     lines = [
-        f"void {name}_side_by_side({', '.join(arguments)}, long first, long last) {{", *arrays,
-        "for (long i = first; i < last; i += LANES) {", "const long here = last - i < LANES ? last - i : LANES;",
-        *gather, *(f"{part.name}_before(theta, {part.name}_constant);" for part in parts), body.text, *scatter, "}", "}",
+        f"void {name}_side_by_side({', '.join(arguments)}, const long *edges, long first, long last) {{", *arrays,
+        "for (long i = first; i < last; i += LANES) { long window[LANES], at[LANES], length[LANES], longest = 0;",
+        "for (long l = 0; l < LANES; l++) { window[l] = smaller(i + l, last - 1);",
+        "length[l] = i + l < last ? edges[i + l + 1] - edges[i + l] : 0; longest = -smaller(-longest, -length[l]); }",
+        gather.pop("start").format("window"), body.first, "for (long k = 0; k < longest; k++) {",
+        "for (long l = 0; l < LANES; l++) at[l] = smaller(edges[window[l]] + k, edges[window[l] + 1] - 1);",
+        *(line.format("at") for line in gather.values()),
+        *(f"{part.name}_before(theta, {part.name}_constant);" for part in parts), body.text, *scatter, body.then, "}", "}", "}",
     ]  # fmt: skip
     return "\n".join(lines)
 
@@ -80,23 +99,26 @@ class SideBySide:
     def __init__(self, library: Path, name: str, body: Body, lanes: int) -> None:
         self._run = getattr(ctypes.CDLL(str(library)), f"{name}_side_by_side")
         self._run.restype = None
-        self._run.argtypes = [ctypes.c_void_p] * (len(body.given) + len(body.found)) + [ctypes.c_long] * 2
+        self._run.argtypes = [ctypes.c_void_p] * (len(body.given) + len(body.found) + 1) + [ctypes.c_long] * 2
         self._lanes = lanes
 
-    def __call__(self, given: Sequence[np.ndarray], found: Sequence[np.ndarray], count: int, threads: int) -> None:
-        """Fills ``found`` from ``given``, C arrays of ``count`` intervals one after the other."""
+    def __call__(self, given: Sequence[np.ndarray], found: Sequence[np.ndarray], edges: np.ndarray, threads: int) -> None:
+        """Fills ``found`` from ``given``, C arrays of intervals one after the other; ``start`` of windows.
+
+        edges : ``(windows + 1,)`` C longs, the intervals that windows begin with and their number.
+        """
+        count = edges.size - 1
         tiles = -(-count // self._lanes)
-        edges = [min(tiles * k // threads * self._lanes, count) for k in range(threads + 1)] if threads > 1 else [0, count]
-        jobs = [
-            _pool(threads, os.getpid()).submit(self._some, given, found, first, last) for first, last in pairwise(edges[1:])
-        ]
-        self._some(given, found, edges[0], edges[1])
+        shares = [min(tiles * k // threads * self._lanes, count) for k in range(threads + 1)] if threads > 1 else [0, count]
+        arrays = (*given, *found, edges)
+        jobs = [_pool(threads, os.getpid()).submit(self._some, arrays, first, last) for first, last in pairwise(shares[1:])]
+        self._some(arrays, shares[0], shares[1])
         if jobs:
             wait(jobs)
 
-    def _some(self, given: Sequence[np.ndarray], found: Sequence[np.ndarray], first: int, last: int) -> None:
-        """Intervals ``first`` to ``last - 1``; holds the arrays until they are done, also where the caller is interrupted."""
-        self._run(*(item.ctypes.data for item in (*given, *found)), first, last)
+    def _some(self, arrays: Sequence[np.ndarray], first: int, last: int) -> None:
+        """Windows ``first`` to ``last - 1``; holds the arrays until they are done, also where the caller is interrupted."""
+        self._run(*(item.ctypes.data for item in arrays), first, last)
 
 
 @lru_cache(maxsize=4)

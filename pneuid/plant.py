@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache, wraps
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -20,6 +21,9 @@ from pneuid.physics.friction import LAWS
 from pneuid.physics.gas import RHO_REFERENCE
 from pneuid.physics.smoothing import FINE, Expression, Smoothing
 from pneuid.rig import Rig
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 SMOOTHING_NAMES = ("smooth_speed", "smooth_opening", "smooth_laminar")
 
@@ -327,3 +331,44 @@ class Plant:
         for effect, scope in zip(self.effects, self._scopes(none, th), strict=True):
             found += effect.constraints(base, scope)
         return tuple(found)
+
+
+def structure_key(plant: Plant) -> tuple:
+    """What symbols and generated code depend on: the kind of rig, the friction law and the effects."""
+    return (
+        plant.rig.kind,
+        plant.law.name,
+        tuple(type(effect) for effect in plant.effects),
+        plant.theta_names,
+    )
+
+
+class _Alike:
+    """A plant that equals every other of its structure."""
+
+    def __init__(self, plant: Plant) -> None:
+        self.plant, self.key = plant, structure_key(plant)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Alike) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+
+def once_per_structure(
+    kept: int,
+) -> Callable[[Callable[Concatenate[Plant, P], R]], Callable[Concatenate[Plant, P], R]]:
+    """Decorator: what is made of a plant's symbols is made once for all plants of a structure; the last ``kept`` stay."""
+
+    def decorated(make: Callable[Concatenate[Plant, P], R]) -> Callable[Concatenate[Plant, P], R]:
+        made = lru_cache(kept)(lambda alike, *more, **named: make(alike.plant, *more, **named))
+
+        @wraps(make)
+        def found(plant: Plant, *more: P.args, **named: P.kwargs) -> R:
+            return made(_Alike(plant), *more, **named)  # type: ignore[arg-type]  # lru_cache says what cannot be hashed
+
+        found.forget = made.cache_clear  # type: ignore[attr-defined]
+        return found
+
+    return decorated

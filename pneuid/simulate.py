@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pneuid.interval import IntervalFunction
-from pneuid.mapped import Mapped
+from pneuid.mapped import Slopes, Trajectories
 
 STUCK = 1e5
 """Damping of a search beyond which no step from where it is lowers the cost."""
@@ -30,18 +30,11 @@ def simulate(function: IntervalFunction, start: np.ndarray, data: np.ndarray, th
     """
     W, _rows, N = data.shape
     K = function.samples
-    ny = function.trajectory.size1_out(0)
-    ns = start.shape[1]
-    outputs, states = np.empty((W, ny, N)), np.empty((W, ns, N))
-    run = Mapped(function.trajectory, W)
-    s = start.T
-    for first in range(0, N, K):
-        shown, passed = run(s, _side_by_side(data[:, :, first : first + K]), theta.T)
-        outputs[:, :, first : first + K] = shown.reshape(ny, W, K).transpose(1, 0, 2)
-        passed = passed.reshape(ns, W, K + 1)
-        states[:, :, first : first + K] = passed[:, :, :K].transpose(1, 0, 2)
-        s = passed[:, :, K]
-    return Trajectory(outputs, states, s.T)
+    intervals = N // K
+    run = Trajectories(function.trajectory, np.full(W, intervals))
+    shown, passed = run(start.T, _side_by_side(data), np.repeat(theta.T, intervals, axis=1))
+    outputs, states = (item.reshape(W, N, -1).transpose(0, 2, 1) for item in (shown, passed[:, :K]))
+    return Trajectory(outputs, states, passed[intervals - 1 :: intervals, K])
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a window may diverge; it counts as infinitely bad
@@ -95,21 +88,13 @@ def _gauss_newton(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Cost ``(W,)``, Hessian ``(W, ns, ns)`` and gradient ``(W, ns)`` in units of ``scale``."""
     W, ns = start.shape
-    K, N = function.samples, data.shape[2]
-    run = Mapped(function.derivatives, W)
+    intervals = data.shape[2] // function.samples
+    run = Slopes(function.derivatives, np.full(W, intervals))
+    _, _, packed = run(start.T, _side_by_side(data), np.repeat(theta.T, intervals, axis=1))
     cols, rows = np.tril_indices(ns + 1)
-    chain = np.tile(np.diag(np.append(scale, 1.0)), (W, 1, 1))
-    total = np.zeros((W, ns + 1, ns + 1))
-    s = start.T
-    for first in range(0, N, K):
-        end, sensitivity, packed = run(s, _side_by_side(data[:, :, first : first + K]), theta.T)
-        gram = np.empty((W, ns + 1, ns + 1))
-        gram[:, rows, cols] = packed.T
-        gram[:, cols, rows] = packed.T
-        total += chain.transpose(0, 2, 1) @ gram @ chain
-        S = sensitivity.reshape(ns, W, ns).transpose(1, 0, 2)
-        chain[:, :ns, :ns] = S @ chain[:, :ns, :ns]
-        s = end
+    total, both = np.empty((W, ns + 1, ns + 1)), np.append(scale, 1.0)
+    total[:, rows, cols] = total[:, cols, rows] = packed[intervals - 1 :: intervals, 0]
+    total *= np.outer(both, both)
     finite = np.all(np.isfinite(total), axis=(1, 2))
     total[~finite] = np.eye(ns + 1)
     cost = np.where(finite, 0.5 * total[:, ns, ns], np.inf)

@@ -14,15 +14,19 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from pneuid.mapped import Mapped
 from pneuid.physics.gas import R_AIR, RHO_REFERENCE
 from pneuid.physics.smoothing import FINE
-from pneuid.plant import Plant
+from pneuid.plant import Plant, once_per_structure
 
 BRISTLE_LIMIT = 1.4
 DAMPING_LIMIT = 1.0
 CHAMBER_LIMIT = 1.5
 LARGEST_SUBSTEPS = 40
 """More substeps than this per sample mean a sample rate too low for the friction asked for."""
+
+STRUCTURES = 64
+"""Plants whose symbolic functions are kept: every effect that a diagnosis tries is a structure of its own."""
 
 
 def relaxed(s: Any, source: Any, decay: Any, h: Any) -> Any:
@@ -61,6 +65,23 @@ def fastest_rates(plant: Plant, theta: np.ndarray) -> dict[str, float]:
     return {"bristle": bristle, "damping": damping, "chamber": float(chamber)}
 
 
+@once_per_structure(STRUCTURES)
+def _mechanics(plant: Plant) -> ca.Function:
+    """``(s, w, theta)`` to the derivatives of the mechanical states' rates by these states."""
+    s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
+    theta = ca.SX.sym("theta", len(plant.theta_names))
+    at = plant.evaluate(s, w, theta)
+    count = plant.explicit_count
+    rates = [*at.explicit, *(source - decay * s[count + i] for i, (source, decay) in enumerate(at.relaxing))]
+    mechanical = _mechanical(plant)
+    moving = ca.vertcat(*(rates[i] for i in mechanical))
+    return ca.Function("mechanics", [s, w, theta], [ca.densify(ca.jacobian(moving, s[mechanical]))])
+
+
+def _mechanical(plant: Plant) -> list[int]:
+    return [i for i, name in enumerate(plant.states) if name not in ("p1", "p2")]
+
+
 def _rates_at_rest(plant: Plant, theta: np.ndarray) -> tuple[float, float]:
     """Largest natural frequency (rad/s) and damping rate (1/s) of the mechanics at rest.
 
@@ -68,38 +89,38 @@ def _rates_at_rest(plant: Plant, theta: np.ndarray) -> tuple[float, float]:
     every oscillation that effects bring with states of their own. Taken at the ends of the recorded travel and
     pressures, the effects' states at and beside their initial values.
     """
-    s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
     still = np.array(theta, dtype=float)
     still[plant.theta_names.index("smooth_speed")] = 1e-12  # at rest a rounded |v| would count as sliding
-    at = plant.evaluate(s, w, still)
-    count = plant.explicit_count
-    rates = [*at.explicit, *(source - decay * s[count + i] for i, (source, decay) in enumerate(at.relaxing))]
-    mechanical = [i for i, name in enumerate(plant.states) if name not in ("p1", "p2")]
-    v = mechanical.index(plant.states.index("v"))
-    moving = ca.vertcat(*(rates[i] for i in mechanical))
-    function = ca.Function("mechanics", [s, w], [ca.densify(ca.jacobian(moving, s[mechanical]))])
     value = dict(zip(plant.theta_names, theta, strict=True))
     given = {"u": value["null"], "psup": value["p1_high"] + value["patm"]}
-    natural, damped = 0.0, 0.0
+    states = []
     for place, p1, p2, aside in product(("low", "high"), ("low", "high"), ("low", "high"), (-3.0, 0.0, 3.0)):
         known = {"x": value[f"x_{place}"], "p1": value[f"p1_{p1}"], "p2": value[f"p2_{p2}"]}
         known |= {own.name: own.initial + aside * own.scale for own in plant.effect_states}
-        A = np.asarray(
-            function([known.get(name, 0.0) for name in plant.states], [given[name] for name in plant.inputs])
-        )
-        eigenvalues = np.linalg.eigvals(A)
-        ringing = np.abs(eigenvalues[np.abs(eigenvalues.imag) > 0.1 * np.abs(eigenvalues)])
-        # where damping outweighs the stiffness nothing rings, but the step feels the stiffness all the same
-        held = max(-float(A[v] @ A[:, v] - A[v, v] ** 2), 0.0)
-        natural = max(natural, float(np.sqrt(held)), *ringing.tolist())
-        damped = max(damped, -float(A[v, v]))
-    return natural, damped
+        states.append([known.get(name, 0.0) for name in plant.states])
+    count, mechanical = len(states), _mechanical(plant)
+    inputs = np.tile([given[name] for name in plant.inputs], (count, 1))
+    (found,) = Mapped(_mechanics(plant), count)(np.array(states).T, inputs.T, np.tile(still, (count, 1)).T)
+    A = found.reshape(len(mechanical), count, len(mechanical)).transpose(1, 0, 2)
+    eigenvalues = np.linalg.eigvals(A)
+    ringing = np.abs(eigenvalues[np.abs(eigenvalues.imag) > 0.1 * np.abs(eigenvalues)])
+    v = mechanical.index(plant.states.index("v"))
+    # where damping outweighs the stiffness nothing rings, but the step feels the stiffness all the same
+    held = A[:, v, v] ** 2 - np.einsum("kj,kj->k", A[:, v], A[:, :, v])
+    natural = max(float(np.sqrt(held.max(initial=0.0))), float(ringing.max(initial=0.0)))
+    return natural, max(-float(A[:, v, v].min()), 0.0)
+
+
+@once_per_structure(STRUCTURES)
+def _mass_function(plant: Plant) -> ca.Function:
+    s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
+    theta = ca.SX.sym("theta", len(plant.theta_names))
+    return ca.Function("moving_mass", [s, w, theta], [plant.evaluate(s, w, theta).mass])
 
 
 def _moving_mass(plant: Plant, theta: np.ndarray) -> float:
     """Moving mass in kg, effects included; it does not depend on the state."""
-    s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
-    return float(ca.Function("moving_mass", [s, w], [plant.evaluate(s, w, theta).mass])(0, 0))
+    return float(_mass_function(plant)(0, 0, theta))
 
 
 def stable_upper_bounds(plant: Plant, theta: np.ndarray, interval: float, substeps: int) -> dict[str, float]:

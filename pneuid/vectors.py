@@ -43,12 +43,13 @@ static inline v parts_of_exponential(v x, v *power) {
 }
 static inline v expm1_of(v x) { v s, p = parts_of_exponential(x, &s); return p + (s - 1.0); }
 static inline v exp_of(v x) { v s, p = parts_of_exponential(x, &s); return p + s; }
+static inline long smaller(long i, long j) { return i < j ? i : j; }
 static inline void copied(v *to, const v *from, int n) { for (int i = 0; i < n; i++) to[i] = from[i]; }
-static inline void into_lanes(v *to, const double *from, long n, long here) {
-  for (long l = 0; l < LANES; l++) for (long j = 0; j < n; j++) to[j][l] = from[(l < here ? l : here - 1) * n + j];
+static inline void into_lanes(v *to, const double *from, long n, const long *at) {
+  for (long l = 0; l < LANES; l++) for (long j = 0; j < n; j++) to[j][l] = from[at[l] * n + j];
 }
-static inline void out_of_lanes(double *to, const v *from, long n, long here) {
-  for (long l = 0; l < here; l++) for (long j = 0; j < n; j++) to[l * n + j] = from[j][l];
+static inline void out_of_lanes(double *to, const v *from, long n, const long *at, long k, const long *length) {
+  for (long l = 0; l < LANES; l++) if (k < length[l]) for (long j = 0; j < n; j++) to[at[l] * n + j] = from[j][l];
 }
 """
 

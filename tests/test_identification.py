@@ -255,7 +255,8 @@ def _karush_kuhn_tucker_covariance(problem: Shooting, X: np.ndarray) -> np.ndarr
     """Covariance of q from the whole sparse matrix of the equality-constrained problem, nothing eliminated by hand."""
     assembly, at = Assembly(problem, relaxed=False), problem.evaluate(X)
     H = assembly.hessian_matrix(assembly.gradient_and_hessian(at, X, 1.0)[1])
-    J = assembly.jacobian_matrix(assembly.jacobian(at, X))[: assembly.ndef]
+    _, slope = problem.constraints(X[: problem.nq])
+    J = assembly.jacobian_matrix(assembly.jacobian(at, slope))[: assembly.pattern.ndef]
     weight = float(np.sqrt(H.diagonal().mean()))
     system = sp.bmat([[H, weight * J.T], [weight * J, None]], format="csc")
     return splu(system).solve(np.eye(system.shape[0], problem.nq))[: problem.nq]

@@ -21,9 +21,10 @@ from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
 from pneuid.estimation.shooting import Shooting
 from pneuid.estimation.solver import _Evaluator
 from pneuid.estimation.thinning import section
-from pneuid.interval import IntervalFunction, data_rows, interval_function, structure_key
+from pneuid.interval import IntervalFunction, data_rows, interval_function
+from pneuid.mapped import Mapped
 from pneuid.physics.smoothing import FINE
-from pneuid.plant import Plant
+from pneuid.plant import Plant, structure_key
 from pneuid.simulate import estimate_start, simulate
 
 K, SUBSTEPS = 5, 2
@@ -67,7 +68,7 @@ def stretch(*effects: str) -> Stretch:
     chains = pneuid.interval._chains(plant, plant.parameter_names, K, SUBSTEPS)
     return Stretch(
         plant, run, interval_function(plant, plant.parameter_names, K, SUBSTEPS),
-        (chains["values"], chains["derivatives"], chains["trajectory"]),
+        (chains["values"](), chains["derivatives"](), chains["trajectory"]()),
         nodes[:, first], run.data[:, first : first + K], plant.theta(values, data_ranges([recording], plant)),
     )  # fmt: skip
 
@@ -96,7 +97,7 @@ def test_compiled_equals_interpreted(effects):
     for one, other in zip(
         (at.function.values, at.function.derivatives, at.function.trajectory), at.interpreted, strict=True
     ):
-        for a, b in zip(_plain(one(*at.arguments)), _plain(other(*at.arguments)), strict=True):
+        for a, b in zip(Mapped(one, 1)(*at.arguments), _plain(other(*at.arguments)), strict=True):
             # fused multiply-add and reordered sums: some hundred roundings of the largest term
             np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12 * np.abs(b).max())
 
@@ -194,13 +195,13 @@ def test_compiled_code_leaves_small_numbers_alone():
 def forget_builds():
     """Interval functions built in the test are forgotten after it."""
     yield
-    pneuid.interval._build.cache_clear()
+    pneuid.interval._build.forget()
 
 
 @pytest.mark.parametrize("tool", [None, ("/bin/false", "a compiler that fails")])
 def test_without_a_working_compiler_the_same_function_runs_interpreted(tool, monkeypatch, tmp_path, forget_builds):
     at = stretch()
-    pneuid.interval._build.cache_clear()
+    pneuid.interval._build.forget()
     monkeypatch.setattr(pneuid.compiled, "compiler", lambda: tool)
     monkeypatch.setenv("PNEUID_CACHE", str(tmp_path / "cache"))
     slow = interval_function(at.plant, at.plant.parameter_names, K, SUBSTEPS)
@@ -245,7 +246,7 @@ def test_rigs_of_one_structure_share_the_code_and_keep_their_numbers():
     ends = []
     for plant in (heavy, at.plant):
         theta = plant.theta(values_of(plant), RANGES)
-        own = pneuid.interval._chains(plant, plant.parameter_names, K, SUBSTEPS)["values"]
+        own = pneuid.interval._chains(plant, plant.parameter_names, K, SUBSTEPS)["values"]()
         ends.append(np.asarray(shared[0].values(at.start, at.data, theta)[0]))
         np.testing.assert_allclose(ends[-1], np.asarray(own(at.start, at.data, theta)[0]), rtol=1e-9)
     assert abs(ends[0][1] - ends[1][1]) > 1e-3  # twice the mass is felt
@@ -278,7 +279,7 @@ def test_windows_side_by_side_are_windows_one_by_one():
         np.testing.assert_allclose(together.states[w], alone.states[0], rtol=1e-13)
         np.testing.assert_allclose(together.end[w], alone.end[0], rtol=1e-13)
         # and four intervals in a row are one of four times the length
-        longer = pneuid.interval._chains(at.plant, (), 4 * K, SUBSTEPS)["trajectory"]
+        longer = pneuid.interval._chains(at.plant, (), 4 * K, SUBSTEPS)["trajectory"]()
         outputs, states = _plain(longer(start[w], data[w], theta[w]))
         np.testing.assert_allclose(together.outputs[w], outputs, rtol=1e-9)
         np.testing.assert_allclose(together.end[w], states[:, -1], rtol=1e-8, atol=1e-12)
@@ -389,7 +390,8 @@ def test_a_trial_point_far_out_is_refused_by_the_solver_and_no_warning():
 def test_the_continuity_jacobian_agrees_with_differences():
     problem, X = _small_problem()
     assembly = Assembly(problem, relaxed=False)
-    jacobian = assembly.jacobian_matrix(assembly.jacobian(problem.evaluate(X), X))[: assembly.ndef]
+    _, slope = problem.constraints(X[: problem.nq])
+    jacobian = assembly.jacobian_matrix(assembly.jacobian(problem.evaluate(X), slope))[: assembly.pattern.ndef]
     dense = jacobian.toarray()
     assert dense.shape == (problem.linked.size * problem.ns, problem.size)
     for j in (*range(problem.nq), problem.nq + 1, problem.nq + 7, problem.size - 1):

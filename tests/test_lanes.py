@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import multiprocessing
 
@@ -19,7 +20,7 @@ from pneuid.effects import CATALOGUE
 from pneuid.estimation.preparation import noise_of, prepare
 from pneuid.interval import interval_function, jacobian_function
 from pneuid.lanes import Body, SideBySide, side_by_side, source
-from pneuid.mapped import Mapped
+from pneuid.mapped import Mapped, Slopes, Trajectories
 from pneuid.plant import Plant
 from pneuid.vectors import OPERATIONS, NoLanesError
 
@@ -39,7 +40,8 @@ def entry(part: ca.Function, lanes: int) -> SideBySide:
 def run(part: ca.Function, s: np.ndarray, theta: np.ndarray, lanes: int, threads: int = 1) -> np.ndarray:
     """``(count, rows)`` found for ``s`` and ``theta``, a row each."""
     found = np.full((len(s), part.numel_out(0)), np.nan)
-    entry(part, lanes)([np.ascontiguousarray(s), np.ascontiguousarray(theta)], [found.reshape(-1)], len(s), threads)
+    edges = np.arange(len(s) + 1, dtype=ctypes.c_long)
+    entry(part, lanes)([np.ascontiguousarray(s), np.ascontiguousarray(theta)], [found.reshape(-1)], edges, threads)
     return found
 
 
@@ -159,12 +161,30 @@ def test_every_effect_runs_side_by_side_like_one_by_one(effects):
     }  # fmt: skip
     for name, one in built.items():
         assert one in pneuid.mapped._TWINS, "this effect holds an operation that is not written for lanes"
-        expected = chains[name].map(count)(*arguments)
+        expected = chains[name]().map(count)(*arguments)
         for found, other in zip(Mapped(one, count, 2)(*arguments), expected, strict=True):
             wanted = np.asarray(other)
             blocks = np.abs(wanted).reshape(wanted.shape[0], count, -1).max(axis=(0, 2))
             size = np.repeat(blocks, wanted.shape[1] // count)
             assert np.all(np.abs(found - wanted) <= 1e-9 * np.abs(wanted) + 1e-11 * size), name
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize(
+    ("kind", "name", "free"), [(Trajectories, "trajectory", 0), (Slopes, "derivatives", 0), (Slopes, "derivatives", 8)]
+)
+def test_windows_of_any_length_run_side_by_side_like_one_by_one(kind, name, free, threads, monkeypatch):
+    plant = Plant(rig(), "lugre")
+    lengths = np.array([*range(1, 20), *range(30, 3, -1)])
+    _, data, theta = inputs(plant, lengths.sum())
+    start, _, _ = inputs(plant, lengths.size)
+    theta = np.repeat(theta[:, : lengths.size], lengths, axis=1)
+    chain = getattr(interval_function(plant, plant.parameter_names[:free], K, SUBSTEPS), name)
+    beside = kind(chain, lengths, threads)(start, data, theta)
+    monkeypatch.delitem(pneuid.mapped._TWINS, chain)
+    for found, wanted in zip(beside, kind(chain, lengths)(start, data, theta), strict=True):
+        size = np.abs(wanted).max(axis=0) + 1e-300
+        np.testing.assert_allclose(found / size, wanted / size, rtol=1e-8, atol=1e-9)
 
 
 def _in_a_child(queue) -> None:
@@ -192,14 +212,14 @@ def test_a_child_process_has_threads_of_its_own(way):
 def test_without_vectors_the_chains_are_compiled_one_by_one(monkeypatch):
     plant = Plant(rig(), "lugre")
     monkeypatch.setattr("pneuid.interval.side_by_side", lambda *_: {})
-    pneuid.interval._build.cache_clear()
+    pneuid.interval._build.forget()
     try:
         plain = interval_function(plant, plant.parameter_names, K, SUBSTEPS)
         assert plain.compiled and plain.derivatives.is_a("External", True) and plain.derivatives not in pneuid.mapped._TWINS
         arguments = inputs(plant, 20)
         alone = Mapped(plain.values, 20)(*arguments)
     finally:
-        pneuid.interval._build.cache_clear()
+        pneuid.interval._build.forget()
     monkeypatch.undo()
     beside = Mapped(interval_function(plant, plant.parameter_names, K, SUBSTEPS).values, 20)(*arguments)
     for one, other in zip(alone, beside, strict=True):

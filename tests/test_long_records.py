@@ -252,7 +252,7 @@ def test_a_short_record_has_no_sections():
 
 
 def _values(runs: list[Run]) -> dict[str, float]:
-    return Task(Plant(rig(), "lugre"), [], tuple(runs), {}, None).guess() | TRUTH
+    return Task(Plant(rig(), "lugre"), [], tuple(runs), {}, None).guess | TRUTH
 
 
 def _ranges() -> dict[str, float]:

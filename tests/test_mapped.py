@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from pneuid.mapped import Mapped
+from pneuid.mapped import Mapped, Trajectories
 
 finite = st.floats(-1e6, 1e6)
 
@@ -51,3 +51,33 @@ def test_a_result_is_not_overwritten_by_the_next_call():
 def test_another_size_is_refused(columns):
     with pytest.raises(ValueError, match=r"input 1 of .* numbers; 24 are needed"):
         Mapped(_function(), 2)(np.ones((2, 2)), np.ones((3, columns)))
+
+
+# --- in a row ---
+
+
+def _trajectory() -> ca.Function:
+    """Two samples of a state that turns and is driven by the data, by the angle ``theta``."""
+    s, data, theta = ca.SX.sym("s", 2), ca.SX.sym("data", 1, 2), ca.SX.sym("theta", 1)
+    states = [s]
+    for k in range(2):
+        x, y = states[-1][0], states[-1][1]
+        states.append(ca.vertcat(ca.cos(theta) * x - ca.sin(theta) * y + data[k], ca.sin(theta) * x + ca.cos(theta) * y))
+    outputs = ca.horzcat(*(state[0] for state in states[:-1]))
+    return ca.Function("trajectory", [s, data, theta], [outputs, ca.horzcat(*states)])
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@given(lengths=st.lists(st.integers(1, 6), min_size=1, max_size=20), seed=st.integers(0, 1000))
+def test_every_interval_starts_where_the_one_before_it_ended(threads, lengths, seed):
+    function, rng, count = _trajectory(), np.random.default_rng(seed), sum(lengths)
+    start, data, theta = rng.normal(size=(2, len(lengths))), rng.normal(size=(1, 2 * count)), rng.normal(size=(1, count))
+    outputs, states = Trajectories(function, np.array(lengths), threads)(start, data, theta)
+    i = 0
+    for window, length in enumerate(lengths):
+        s = start[:, window]
+        for _ in range(length):
+            shown, passed = (np.asarray(item) for item in function(s, data[:, 2 * i : 2 * i + 2], theta[:, i]))
+            np.testing.assert_array_equal(outputs[i].T, shown)
+            np.testing.assert_array_equal(states[i].T, passed)
+            s, i = passed[:, -1], i + 1

@@ -34,7 +34,7 @@ class _Ends:
     def __init__(self, monkeypatch, *costs: float, near: bool = False) -> None:
         self.costs, self.asked, self.near = list(costs), [], near
         monkeypatch.setattr(fitting, "relaxed_fit", self.made)
-        monkeypatch.setattr(Task, "guess", lambda _: GUESS)
+        monkeypatch.setattr(Task, "guess", GUESS)
         monkeypatch.setattr(fitting, "values_at", lambda *_: dict(FOUND))
 
     def made(self, *given):
@@ -185,7 +185,7 @@ class _Exact:
         problem = SimpleNamespace(plant=PLANT, nq=2, weighted=10_000, relaxation=TIGHT)
         soft = _Outcome(X=np.array([1e5, 90.0, 7.0]))
         task = SimpleNamespace(
-            monitor=None, guess=dict, nodes=lambda values, _: values == FOUND and "nodes at what was found",
+            monitor=None, guess={}, nodes=lambda values, _: values == FOUND and "nodes at what was found",
             fresh_starts=lambda *_: ["break-away as in the guess"],
         )  # fmt: skip
         return exact_end.exact_end(task, problem, Relaxed(soft, 0.1, None))

@@ -16,6 +16,7 @@ from pneuid.estimation.own import own_of
 from pneuid.estimation.preparation import Run
 from pneuid.estimation.shooting import Shooting, relaxed_smoothing
 from pneuid.interval import trajectory_function
+from pneuid.mapped import Mapped
 from pneuid.recording import Recording
 
 STEP_SECONDS = 0.005
@@ -39,7 +40,7 @@ class Rival:
         self.hold = max(1, round(STEP_SECONDS / self.dt))
         values = {**fit.problem.values, **fit.relaxed_values}
         self.theta = fit.plant.theta(values, fit.ranges, smoothing=relaxed_smoothing(fit.plant))
-        self._piece = trajectory_function(fit.plant, self.hold, fit.problem.substeps)
+        self._piece = Mapped(trajectory_function(fit.plant, self.hold, fit.problem.substeps), 1)
         shared = [j for j, name in enumerate(fit.problem.free) if name in fit.plant.theta_names]
         covariance = relaxed_covariance(fit)[np.ix_(shared, shared)]
         slope = fit.problem.scaling.slope(fit.relaxed.X[: fit.problem.nq])[shared]
@@ -51,7 +52,7 @@ class Rival:
         """States ``(ns, K + 1)`` and outputs ``(ny, K)`` over the ``hold`` samples from ``k`` on; inputs ``(nw, N)``."""
         data = self._columns(inputs[:, k : k + self.hold + 1])[:, : self.hold]
         outputs, states = self._piece(s, data, self.theta)
-        return np.asarray(states), np.asarray(outputs)
+        return states, outputs
 
     def played(self, start: np.ndarray, inputs: np.ndarray) -> Played:
         """What the model does from the state ``start`` under ``inputs`` ``(nw, N)``, N a multiple of ``hold``."""

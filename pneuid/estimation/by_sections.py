@@ -68,7 +68,7 @@ def _whole(task: Task, problem: Shooting, soft: Relaxed, sharp: Exact) -> End | 
 
 def _read(task: Task, values: Mapping[str, float], substeps: int) -> tuple[Shooting, np.ndarray]:
     """The whole record's problem, of at least so many ``substeps``, and its variables at ``values`` (SI)."""
-    known = task.guess() | dict(values)
+    known = task.guess | dict(values)
     whole = task.problem(known, max(substeps, task.substeps(known)))
     return whole, whole.join(inside(whole, known), task.nodes(known, whole.samples))
 

@@ -11,11 +11,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from pneuid.estimation.shooting import Evaluation, Shooting, threads
-from pneuid.mapped import Mapped
+from pneuid.mapped import Trajectories
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,6 @@ class Chained(Shooting):
         self.first = np.concatenate([[0], np.searchsorted(self.starts, run_ends)]).astype(int)
         self.size = self.nq + self.ns * self.nint
         self.linked = np.zeros(0, dtype=int)
-        self._mapped: dict[int, Mapped] = {}
         self._key: bytes | None = None
 
     def from_base(self, X: np.ndarray) -> np.ndarray:
@@ -100,24 +100,15 @@ class Chained(Shooting):
         return self._walked
 
     def _walk(self, X: np.ndarray) -> Walked:
-        q, state = self.split(X)
-        theta, ny = self.theta(q), len(self.plant.outputs)
-        data = self.data.reshape(self.data.shape[0], self.base.nint, self.samples)
-        path, shown = np.empty((self.ns, self.base.nint)), np.empty((ny, self.base.nint, self.samples))
-        for j in range(int(self.lengths.max())):
-            going = np.flatnonzero(self.lengths > j)
-            at = self.starts[going] + j
-            path[:, at] = state[:, going]
-            columns = data[:, at].reshape(data.shape[0], -1)
-            outputs, states = self._trajectories(going.size)(state[:, going], columns, theta[:, going])
-            shown[:, at] = outputs.reshape(ny, going.size, self.samples)
-            state[:, going] = states[:, self.samples :: self.samples + 1]
+        q, start = self.split(X)
+        data, ny = self.data, len(self.plant.outputs)
+        outputs, states = self._in_a_row(start, data, self.base.theta(q))
+        shown = outputs.reshape(-1, ny).T
         with np.errstate(over="ignore", invalid="ignore"):  # a trial point may lie anywhere
             residual = data[-ny:] * (shown - data[-2 * ny : -ny])
-            costs = 0.5 * np.sum(residual**2, axis=(0, 2))
-        return Walked(path, state, shown.reshape(ny, -1), costs)
+            costs = 0.5 * np.sum((residual**2).reshape(ny, self.base.nint, self.samples), axis=(0, 2))
+        return Walked(states[:, 0].T, states[self.starts + self.lengths - 1, -1].T, shown, costs)
 
-    def _trajectories(self, count: int) -> Mapped:
-        if count not in self._mapped:
-            self._mapped[count] = Mapped(self.function.trajectory, count, threads())
-        return self._mapped[count]
+    @cached_property
+    def _in_a_row(self) -> Trajectories:
+        return Trajectories(self.function.trajectory, self.lengths, threads())

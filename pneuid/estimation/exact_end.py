@@ -3,7 +3,7 @@ windows from two starts agree that the model cannot follow the data."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -28,6 +28,9 @@ from pneuid.estimation.task import Task, inside, values_at
 DEARER = 0.01
 """Relative rise of the relaxed cost up to which a break-away seen along windows is taken: that cost hardly sees it."""
 
+Way = Callable[[], Exact | None]
+"""One attempt at the exact fit; None where it leads to none."""
+
 
 def exact_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
     """The exact stage, where the relaxed one came near enough."""
@@ -41,17 +44,8 @@ def exact_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
         grown.append(found)
         return hard
 
-    straight, others = partial(exact_stage, problem, soft.outcome, task.monitor), []
-    relaxed = values_at(problem, soft.outcome.X)
-    for other in break_aways(problem.plant, relaxed):
-        X = np.concatenate([inside(problem, relaxed | other), soft.outcome.X[problem.nq :]])
-        others.append(partial(exact_stage, problem, replace(soft.outcome, X=X), task.monitor))
-    along = [partial(windows, X) for X in window_starts(task, problem, soft)]
-    # straight first where that may well lead there, for it takes a tenth of the time
-    first = [straight, *along] if within_reach(problem, soft.outcome) else [*along, straight]
-    ways: list[Callable[[], Exact | None]] = [*first, *others]
     paths = 0
-    for way in ways:
+    for way in _ways(task, problem, soft, windows):
         found = _sharp(task, end, way)
         end, paths = better(end, found), paths + (found.hard is not None)
         if end.interrupted or not end.doubtful:
@@ -61,6 +55,25 @@ def exact_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
         if len(grown) > 1 and agree(*grown[-2:]):
             return _relaxed_at(end, grown, task)  # from elsewhere it would take long to end nowhere
     return end
+
+
+def _ways(task: Task, problem: Shooting, soft: Relaxed, windows: Callable[[np.ndarray], Exact | None]) -> Iterator[Way]:
+    """What is tried one after the other: straight, along ``windows`` from several starts, straight from other break-aways."""
+
+    def straight(X: np.ndarray) -> Way:
+        return partial(exact_stage, problem, replace(soft.outcome, X=X), task.monitor)
+
+    # straight first where that may well lead there, for it takes a tenth of the time
+    near, X = within_reach(problem, soft.outcome), soft.outcome.X
+    if near:
+        yield straight(X)
+    for start in window_starts(task, problem, soft):
+        yield partial(windows, start)
+    if not near:
+        yield straight(X)
+    relaxed = values_at(problem, X)
+    for other in break_aways(problem.plant, relaxed):
+        yield straight(np.concatenate([inside(problem, relaxed | other), X[problem.nq :]]))
 
 
 def _relaxed_at(end: End, grown: Sequence[Grown], task: Task) -> End:
@@ -85,13 +98,13 @@ def window_starts(task: Task, problem: Shooting, soft: Relaxed) -> list[np.ndarr
     return [*task.fresh_starts(problem, soft.outcome.X), soft.outcome.X]
 
 
-def _sharp(task: Task, end: End, way: Callable[[], Exact | None]) -> End:
+def _sharp(task: Task, end: End, way: Way) -> End:
     """``end`` with the exact fit that one way leads to; where that is to be doubted, also with the first states read anew."""
     try:
         end = replace(end, hard=way())
         if end.hard is None or not end.doubtful:
             return end
-        values = task.guess() | values_at(end.hard.problem, end.hard.outcome.X)
+        values = task.guess | values_at(end.hard.problem, end.hard.outcome.X)
         nodes = task.nodes(values, end.hard.problem.samples)
         return better(end, replace(end, hard=exact_from(end.hard, nodes, task.monitor)))
     except KeyboardInterrupt:

@@ -16,8 +16,8 @@ from pneuid.estimation.preparation import Run
 from pneuid.physics import motion as mechanics
 from pneuid.physics.gas import R_AIR, RHO_REFERENCE, T_REFERENCE
 from pneuid.physics.smoothing import FINE
-from pneuid.plant import Plant
-from pneuid.step import relaxed
+from pneuid.plant import Plant, once_per_structure
+from pneuid.step import STRUCTURES, relaxed
 
 FOLLOWING = 4
 """Steps a sample in which the states of effects are followed along the measurements."""
@@ -144,6 +144,7 @@ def first_nodes(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion], valu
     return np.hstack(columns)
 
 
+@once_per_structure(STRUCTURES)
 def _coefficients(plant: Plant) -> ca.Function:
     """``(s, w, theta) -> (Fs [N], sigma0 [N/m], sigma2 [N s/m])``, effects included."""
     s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))

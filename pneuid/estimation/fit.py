@@ -200,7 +200,7 @@ def _doubted(task: Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Rel
         if best[1].outcome.status == INTERRUPTED or (turn and best is found and not near):
             break
         values = values_at(best[0], best[1].outcome.X)
-        start = from_near(task.guess(), values, turn) if near else from_far(task.plant, task.guess(), values, turn)
+        start = from_near(task.guess, values, turn) if near else from_far(task.plant, task.guess, values, turn)
         if not start:
             break
         again = relaxed_fit(task, start)
@@ -243,7 +243,7 @@ def _starts(task: Task, start: Mapping[str, float], exact: bool) -> Iterator[Map
         return
     if start:
         yield {}
-    soft = softer(task.plant, task.guess() | dict(start))
+    soft = softer(task.plant, task.guess | dict(start))
     if soft:
         yield dict(start) | soft
 

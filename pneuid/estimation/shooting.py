@@ -23,8 +23,8 @@ from pneuid.estimation.preparation import Run
 from pneuid.interval import IntervalFunction, interval_function, jacobian_function
 from pneuid.mapped import Mapped
 from pneuid.physics.smoothing import COARSE, FINE, Smoothing
-from pneuid.plant import Plant
-from pneuid.step import stable_upper_bounds
+from pneuid.plant import Plant, once_per_structure
+from pneuid.step import STRUCTURES, stable_upper_bounds
 
 NODE_EVERY = 20
 """Samples per interval."""
@@ -103,6 +103,15 @@ def relaxed_smoothing(plant: Plant) -> Smoothing:
     return COARSE if plant.servo else FINE
 
 
+@once_per_structure(STRUCTURES)
+def _constraint_function(plant: Plant) -> ca.Function:
+    """``theta`` to the values of the inequalities among the parameters and their derivatives by ``theta``."""
+    theta = ca.SX.sym("theta", len(plant.theta_names))
+    found = [item.value for item in plant.constraints(theta)]
+    value = ca.vertcat(*found) if found else ca.SX(0, 1)
+    return ca.Function("constraints", [theta], [ca.densify(value), ca.densify(ca.jacobian(value, theta))])
+
+
 class Shooting:
     """The multiple-shooting problem of one plant, some runs and some free parameters.
 
@@ -165,6 +174,10 @@ class Shooting:
     def _map_derivatives(self) -> Mapped:
         return Mapped(self.function.derivatives, self.nint, threads())
 
+    @cached_property
+    def _map_constraints(self) -> Mapped:
+        return Mapped(_constraint_function(self.plant), 1)
+
     def _padded(self, run: Run, count: int, held: np.ndarray) -> np.ndarray:
         missing = count * self.samples - run.n
         ny, nw = len(self.plant.outputs), len(self.plant.inputs)
@@ -182,11 +195,12 @@ class Shooting:
     def theta_of(self, changed: Mapping[str, float], plant: Plant | None = None) -> np.ndarray:
         """The same from physical values of some parameters, for another ``plant`` on the same runs if one is given."""
         values = self.values | dict(changed)
-        columns = []
-        for run in self.runs:
-            mass, shift = run.own.constants(values)
-            columns.append((plant or self.plant).theta(values, self.ranges, mass, self.smoothing, shift))
+        columns = [self._column(run, values, plant or self.plant) for run in self.runs]
         return np.repeat(np.array(columns).T, np.diff(self.first), axis=1)
+
+    def _column(self, run: Run, values: Mapping[str, float], plant: Plant) -> np.ndarray:
+        mass, shift = run.own.constants(values)
+        return plant.theta(values, self.ranges, mass, self.smoothing, shift)
 
     def split(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``q`` and the physical node states ``(ns, nint)``."""
@@ -327,29 +341,28 @@ class Shooting:
 
     # --- inequalities among the parameters ---
 
-    @cached_property
-    def _constraint_function(self) -> ca.Function:
-        theta = ca.SX.sym("theta", len(self.plant.theta_names))
-        found = [item.value for item in self.plant.constraints(theta)]
-        value = ca.vertcat(*found) if found else ca.SX(0, 1)
-        jacobian = ca.jacobian(value, theta[self._index]) if self._index else ca.SX(value.numel(), 0)
-        return ca.Function("constraints", [theta], [ca.densify(value), ca.densify(jacobian)])
+    @property
+    def ncon(self) -> int:
+        """Number of these inequalities."""
+        return int(_constraint_function(self.plant).size1_out(0))
 
     def constraints(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values ``(nc,)`` (>= 0 wanted, divided by their typical size) and Jacobian ``(nc, nq)`` in ``q``."""
-        theta = self.theta(q)[:, 0]
-        value, jacobian = (np.asarray(item) for item in self._constraint_function(theta))
+        value, slope = self._constraints(q)
         size = self._constraint_size
-        slope = np.zeros((value.size, self.nq))
-        slope[:, self._shared] = jacobian.reshape(value.size, len(self._shared))
-        return value.ravel() / size, slope * self.scaling.slope(q) / size[:, None]
+        return value / size, slope / size[:, None]
+
+    def _constraints(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        values = self.values | dict(zip(self.free, self.scaling.to_values(q), strict=True))
+        value, by_theta = self._map_constraints(self._column(self.runs[0], values, self.plant))
+        slope = np.zeros((value.shape[0], self.nq))
+        slope[:, self._shared] = by_theta[:, self._index]
+        return value[:, 0], slope * self.scaling.slope(q)
 
     @cached_property
     def _constraint_size(self) -> np.ndarray:
         start = np.array([parameter.start for parameter in self.declared])
-        _, jacobian = self._constraint_function(self.theta(self.scaling.to_q(start))[:, 0])
-        scale = self.scaling.slope(self.scaling.to_q(start))[self._shared]
-        slope = np.asarray(jacobian).reshape(-1, len(self._shared)) * scale
+        _, slope = self._constraints(self.scaling.to_q(start))
         return np.asarray(np.maximum(np.abs(slope).max(axis=1, initial=0.0), 1e-12))
 
     def set_smoothing(self, smoothing: Smoothing) -> None:

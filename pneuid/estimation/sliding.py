@@ -10,7 +10,8 @@ import numpy as np
 from pneuid.estimation.first_guess import first_guess, motions, operating_points, resisting_force
 from pneuid.estimation.preparation import Run
 from pneuid.estimation.starts import from_sliding
-from pneuid.plant import Plant
+from pneuid.plant import Plant, once_per_structure
+from pneuid.step import STRUCTURES
 
 FAST, SLOWEST = 0.05, 1.0e-5
 """Share of the highest speed, and speed in m/s, above which the seal slides."""
@@ -35,7 +36,7 @@ def sliding_laws(plant: Plant, runs: Sequence[Run], guess: Mapping[str, float]) 
     these laws are zero first takes Coulomb friction to zero, and ends with a break-away from which no step leads back.
     """
     free = {item.name: item for item in plant.parameters if item.name in STEADY or item.off is not None}
-    steady, rows, left = _steady(plant, list(free)), [], []
+    steady, rows, left = _steady(plant, tuple(free)), [], []
     for run in runs:
         v = run.motion.v
         slides = np.abs(v) > max(FAST * np.percentile(np.abs(v), 99), SLOWEST)
@@ -56,7 +57,8 @@ def sliding_laws(plant: Plant, runs: Sequence[Run], guess: Mapping[str, float]) 
     return found
 
 
-def _steady(plant: Plant, names: Sequence[str]) -> ca.Function:
+@once_per_structure(STRUCTURES)
+def _steady(plant: Plant, names: tuple[str, ...]) -> ca.Function:
     """``(s, w, theta) -> (force [N], its derivative by the parameters names (n,))`` of steady sliding."""
     s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
     theta = ca.SX.sym("theta", len(plant.theta_names))

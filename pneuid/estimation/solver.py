@@ -109,7 +109,7 @@ class _Evaluator:
         self.feasible: tuple[float, np.ndarray] | None = None
         self.stopped = ""
         self.damping, self._trials, self._last = 0.0, 0, np.inf
-        self._value_key, self._value = b"", (0.0, np.zeros(0))
+        self._value_key, self._value, self._slope = b"", (0.0, np.zeros(0)), np.zeros((0, 0))
         self._key, self._at = b"", (np.zeros(0), np.zeros(0), np.zeros(0))
         self.failure: BaseException | None = None
 
@@ -119,7 +119,7 @@ class _Evaluator:
         if key != self._value_key:
             self._trials += 1
             end, cost = self.problem.evaluate_values(X)
-            inequalities, _ = self.problem.constraints(X[: self.problem.nq])
+            inequalities, self._slope = self.problem.constraints(X[: self.problem.nq])
             with np.errstate(over="ignore", invalid="ignore"):  # a trial point may lie anywhere
                 defects = self.problem.defects(end, X).ravel()
                 cost += 0.5 * float(np.sum(self.problem.prior_residual(X) ** 2))
@@ -135,11 +135,12 @@ class _Evaluator:
         """Gradient, Jacobian nonzeros, Hessian nonzeros."""
         key = X.tobytes()
         if key != self._key:
+            self.value(X)
             at = self.problem.evaluate(X)
             gradient, hessian = self.assembly.gradient_and_hessian(at, X, self.scale)
             if self.relaxed:
                 self._damp(hessian)
-            self._key, self._at = key, (gradient, self.assembly.jacobian(at, X), hessian)
+            self._key, self._at = key, (gradient, self.assembly.jacobian(at, self._slope), hessian)
         return self._at
 
     def _damp(self, hessian: np.ndarray) -> None:
@@ -153,14 +154,14 @@ class _Evaluator:
         else:
             self.damping = 0.4 * self.damping if self.damping > 1e-3 else 0.0
         self._trials, self._last = 0, cost
-        hessian[self.assembly.hess_diagonal] *= 1.0 + self.damping
+        hessian[self.assembly.pattern.hess_diagonal] *= 1.0 + self.damping
 
     def after_iteration(self, X: np.ndarray, cost: float, g: np.ndarray) -> bool:
         """Report to the monitor; True when IPOPT should stop (settled, out of time, interrupted)."""
         self.iterations += 1
         if self.relaxed:
             self.history.append(cost if self.best is None else self.best[0])
-        elif np.all(np.abs(g[: self.assembly.ndef]) < CONTINUOUS):
+        elif np.all(np.abs(g[: self.assembly.pattern.ndef]) < CONTINUOUS):
             if self.feasible is None or cost < self.feasible[0]:
                 self.feasible = (cost, X.copy())
             self.history.append(self.feasible[0])
@@ -209,10 +210,10 @@ class _Evaluator:
         Parameters on a bound are held; infinite where the model has no optimum.
         """
         gradient, _, hessian = (item.copy() for item in self._at)
-        hessian[self.assembly.hess_diagonal] /= 1.0 + self.damping
+        hessian[self.assembly.pattern.hess_diagonal] /= 1.0 + self.damping
         held = np.flatnonzero(self.problem.scaling.on_bound(X[: self.problem.nq]))
         gradient[held] = 0.0
-        hessian[self.assembly.hess_diagonal[held]] *= 1e12
+        hessian[self.assembly.pattern.hess_diagonal[held]] *= 1e12
         with np.errstate(over="ignore", invalid="ignore"):
             try:
                 step = factorised(self.assembly.hessian_matrix(hessian)).solve(gradient)
@@ -275,8 +276,8 @@ class _Function(ca.Callback):
 
 def _ipopt(evaluator: _Evaluator, options: dict) -> tuple[ca.Function, list[_Function]]:
     """The solver and the callbacks it needs kept alive."""
-    n, assembly = evaluator.problem.size, evaluator.assembly
-    m = assembly.ndef + assembly.ncon
+    n, pattern = evaluator.problem.size, evaluator.assembly.pattern
+    m = pattern.ndef + pattern.ncon
     scalar, dense_g = ca.Sparsity.dense(1, 1), ca.Sparsity.dense(m, 1)
     x_p, lam = [(n, 1), (0, 1)], [(1, 1), (m, 1)]
 
@@ -295,8 +296,8 @@ def _ipopt(evaluator: _Evaluator, options: dict) -> tuple[ca.Function, list[_Fun
 
     fg = _Function("pneuid_fg", evaluator, [(n, 1)], [scalar, dense_g], objective)
     grad_f = _Function("pneuid_grad", evaluator, x_p, [scalar, ca.Sparsity.dense(n, 1)], gradient)
-    jac_g = _Function("pneuid_jac", evaluator, x_p, [dense_g, assembly.jac_sparsity], jacobian)
-    hess = _Function("pneuid_hess", evaluator, x_p + lam, [assembly.hess_sparsity], hessian)
+    jac_g = _Function("pneuid_jac", evaluator, x_p, [dense_g, pattern.jac_sparsity], jacobian)
+    hess = _Function("pneuid_hess", evaluator, x_p + lam, [pattern.hess_sparsity], hessian)
 
     def progress(X: np.ndarray, given: list) -> list:
         return [np.array([float(evaluator.after_iteration(X, float(given[1][0]), given[2].copy()))])]
@@ -324,7 +325,7 @@ def _solve(
     solver, _kept = _ipopt(evaluator, options)
     lower, upper = np.full(problem.size, -np.inf), np.full(problem.size, np.inf)
     lower[: problem.nq], upper[: problem.nq] = problem.scaling.lower, problem.scaling.upper
-    ndef, ncon = evaluator.assembly.ndef, evaluator.assembly.ncon
+    ndef, ncon = evaluator.assembly.pattern.ndef, problem.ncon
     found = solver(
         x0=X0, lbx=lower, ubx=upper,
         lbg=np.zeros(ndef + ncon), ubg=np.concatenate([np.zeros(ndef), np.full(ncon, np.inf)]),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -36,6 +37,7 @@ class Task:
     monitor: Monitor | None
     loosely: Settling = USUAL
 
+    @cached_property
     def guess(self) -> dict[str, float]:
         """The data's own first guess of the parameters, SI."""
         return first_guess(self.plant, self.runs, motions(self.runs))
@@ -78,7 +80,7 @@ class Task:
 
         The relaxed fit hardly sees a break-away: its jumps between intervals take up what a peak of friction does.
         """
-        guess, values = self.guess(), values_at(problem, X)
+        guess, values = self.guess, values_at(problem, X)
         fresh = {name: guess[name] for name in BREAK_AWAY if name in values}
         if not fresh:
             return []
@@ -93,7 +95,7 @@ def node_every(dt: float) -> int:
 
 def relaxed_fit(task: Task, start: Mapping[str, float]) -> tuple[Shooting, Relaxed]:
     """The relaxed problem and its solution, with as many substeps as the parameters found need."""
-    values = task.guess() | dict(start)
+    values = task.guess | dict(start)
     problem = task.problem(values, task.substeps(values))
     nodes = task.nodes(values, problem.samples)
     while True:
