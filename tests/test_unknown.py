@@ -12,7 +12,7 @@ from helpers import rig
 
 from pneuid.criticism.decision import Verdict
 from pneuid.criticism.diagnosis import Diagnosis, Unknown
-from pneuid.criticism.distil import _fitted
+from pneuid.criticism.distil import _fitted, distilled
 from pneuid.criticism.frozen import Frozen
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.noise_floor import noise_floor
@@ -22,6 +22,7 @@ from pneuid.criticism.unknown import Found, _unknown, _with_second, explained, f
 from pneuid.effects import CATALOGUE
 from pneuid.effects._formula import SHAPES
 from pneuid.effects._spline import Term, curve, spline
+from pneuid.estimation.curves import Curve
 from pneuid.estimation.fit import Fit, fit
 from pneuid.estimation.preparation import prepare
 from pneuid.plant import Plant
@@ -251,6 +252,19 @@ def test_the_other_half_is_found_however_low_it_ranks_and_kept_where_it_is_worth
     probes = _Probes(pair_cost)
     found = _with_second(probes, ranked, probes.fitted([first]))  # type: ignore[arg-type]
     assert found.terms == ((first, other) if both else (first,))
+
+
+def test_a_curve_through_a_few_pressures_has_no_formula():
+    """Four runs, each at its own pressure: a wave goes through any four points."""
+    at = np.linspace(1e5, 7e5, 101)
+    value = np.sin(2 * np.pi * at / 1e5)
+    shape = Curve("spline:force(p1)", "force", "p1", "", "N", tuple(at), tuple(value), tuple(0.1 + 0.0 * at), provisional=True)
+    for levels, known in (((1e5, 3e5, 4e5, 7e5), False), (tuple(at), True)):
+        runs = [
+            SimpleNamespace(recording=SimpleNamespace(signals={"p1": np.full(50, level)}), n=50, inputs=()) for level in levels
+        ]
+        found = SimpleNamespace(runs=runs, plant=SimpleNamespace(rig=STAND))
+        assert (distilled(Term("force", "p1"), shape, found) is not None) is known  # type: ignore[arg-type]
 
 
 AT = np.linspace(0.1, 0.4, 121)

@@ -24,6 +24,9 @@ ENOUGH, AT_MOST = 0.10, 0.35
 NEARER = 0.6
 """A formula with more numbers must come nearer by this factor."""
 
+VISITED = 0.5
+"""Share of the range that the data must visit: through the few pressures of a bench's runs goes a curve of any shape."""
+
 WAVES = (0.7, 24.0)
 """Numbers of waves over the visited range that are tried for a period."""
 
@@ -43,9 +46,12 @@ class Distilled:
 
 
 def distilled(term: Term, curve: Curve, fit: Fit) -> Distilled | None:
-    """The formula of a term's curve, None where no shape comes near it."""
+    """The formula of a term's curve, None where no shape comes near it or the data visit few places of it."""
     at, value = np.array(curve.at), np.array(curve.value)
-    weight = _weight(term, at, np.array(curve.std), fit)
+    visits = _visits(term, at, fit)
+    if np.mean(visits > 0) < VISITED:
+        return None
+    weight = _weight(visits, np.array(curve.std))
     spread = _spread(value, weight)
     if not spread > 0.0:
         return None
@@ -62,11 +68,15 @@ def distilled(term: Term, curve: Curve, fit: Fit) -> Distilled | None:
     return Distilled(formula_name(term, kind, numbers.tolist()), _text(term, kind, numbers, amplitudes), error)
 
 
-def _weight(term: Term, at: np.ndarray, std: np.ndarray, fit: Fit) -> np.ndarray:
-    """Weight of every place: visits over the variance of the curve there; they add up to 1."""
+def _visits(term: Term, at: np.ndarray, fit: Fit) -> np.ndarray:
+    """Number of samples near every place."""
     every = np.concatenate([signal_of(run, term.signal, fit) for run in fit.runs])
     step = at[1] - at[0]
-    visits, _ = np.histogram(every, np.append(at - 0.5 * step, at[-1] + 0.5 * step))
+    return np.histogram(every, np.append(at - 0.5 * step, at[-1] + 0.5 * step))[0]
+
+
+def _weight(visits: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """Weight of every place: visits over the variance of the curve there; they add up to 1."""
     weight = np.minimum(visits, np.median(visits) + 1.0) / (std**2 + np.median(std) ** 2)
     return np.asarray(weight / weight.sum())
 

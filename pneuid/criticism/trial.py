@@ -52,9 +52,8 @@ class Judge:
         return self._trial(found, predict(Frozen.of(found), self.held), added)
 
     def across(self, found: Fit, others: Sequence[Fit], added: str | None = None) -> Trial:
-        """The same of a fit to all runs of a bench, each held-out run predicted by that one of ``others`` which was not fitted
-        to it, and from nothing of its own force that it does not forget."""
-        ahead = [one for fit, run in zip(others, self.held, strict=True) for one in unseen(fit, [run])]
+        """The same of a fit to all runs, each held-out run predicted by that one of ``others`` which was not fitted to it."""
+        ahead = [one for fit, run in zip(others, self.held, strict=True) for one in predict(Frozen.of(fit), [run])]
         return self._trial(found, ahead, added)
 
     def unseen(self, trial: Trial) -> float:
