@@ -284,7 +284,11 @@ def solve(case: Case) -> dict[str, Any]:
 
 
 def marks(row: dict[str, Any]) -> dict[str, bool]:
-    """What was right in one case, by the columns that apply to its category."""
+    """What was right in one case, by the columns that apply to its category.
+
+    Outside the catalogue ``either`` is what the design asks for: verdict ``unknown``, or a function in the right equation and
+    signal.
+    """
     names, effects, verdict = row["names"], row["effects"], row["verdict"]
     if not names:
         allowed = SHEET_EFFECTS if row["category"] == "sheet" else set()
@@ -293,8 +297,9 @@ def marks(row: dict[str, Any]) -> dict[str, bool]:
     if row["category"] == "outside":
         item, said = OUTSIDE_EFFECTS[names[0]], row.get("unknown") or {"equation": "", "depends_on": []}
         at = said["equation"] in item.equations
-        return {"unknown": verdict == "unknown", "equation": at, "equation, signal": at and bool(
-            set(said["depends_on"]) & set(item.signals))}  # fmt: skip
+        signal = at and bool(set(said["depends_on"]) & set(item.signals))
+        unknown = verdict == "unknown"
+        return {"unknown": unknown, "equation": at, "equation, signal": signal, "either": unknown or signal}
     explained = row.get("explained", 0.0) >= 0.9
     if row["category"] == "pair":
         return {"both": set(names) <= set(effects), "one": bool(set(names) & set(effects)), "explained": explained}
@@ -308,8 +313,8 @@ def marks(row: dict[str, Any]) -> dict[str, bool]:
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Counts per category and effect, then what was named instead."""
     lines: list[str] = []
-    for category in dict.fromkeys(row["category"] for row in rows):
-        part = [row for row in rows if row["category"] == category]
+    for category in dict.fromkeys(_kind(row) for row in rows):
+        part = [row for row in rows if _kind(row) == category]
         columns = list(marks(part[0]))
         lines.append(f"\n{category:34s} {'cases':>6s}" + "".join(f"{name:>18s}" for name in [*columns, "failed"]))
         groups = dict.fromkeys(("+".join(row["names"]) or row["rig"], row["level"]) for row in part)
@@ -325,6 +330,13 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         )
         lines.append(f"  {hidden:34s} " + ", ".join(f"{what} x{count}" for what, count in said.most_common()))
     return "\n".join(lines)
+
+
+def _kind(row: dict[str, Any]) -> str:
+    """The category as it is counted: varied cases by kind of rig, those that hide nothing apart."""
+    if row["category"] != "varied":
+        return str(row["category"])
+    return f"varied {'bench' if row['rig'].endswith('bench') else 'servo'}{'' if row['names'] else ', null'}"
 
 
 def _group(row: dict[str, Any]) -> tuple[str, str]:
