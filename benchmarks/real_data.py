@@ -1,6 +1,6 @@
 """The real measurements: EMPS and Zillen, beside the published figures.
 
-    python benchmarks/real_data.py --data ../shared/data/real
+    python benchmarks/real_data.py --data FOLDER
 
 The data are not shipped; see ``scenarios/real/README.md`` for where they come from.
 """
@@ -115,7 +115,7 @@ def _sloped(how: str, slope: float, error: float) -> None:
 def main() -> None:
     """Run both."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, default=Path("../shared/data/real"))
+    parser.add_argument("--data", type=Path, required=True, metavar="FOLDER", help="the folder that holds both data sets")
     given = parser.parse_args()
     emps(given.data)
     zillen(given.data)

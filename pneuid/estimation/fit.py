@@ -40,8 +40,8 @@ BEYOND_CHANCE = (
 """Of 112 exact fits to random rigs seven have a parameter more than four standard errors off, six of them such a residual."""
 
 LACKING = (
-    "relaxed: no parameters of the model follow the runs without jumps, whatever the fit starts from, so something is missing "
-    "from it; no standard errors"
+    "relaxed: no parameters of the model follow the runs without jumps, whatever the fit starts from, so something is most likely "
+    "missing from it; no standard errors"
 )
 
 
@@ -287,7 +287,7 @@ def _words(end: End, misfit: float) -> str:
     if jump**2 >= DEFECT_GATE:
         return (
             f"relaxed: the model leaves jumps of {jump:.1f} times their allowance between intervals, "
-            "so something is missing from it; no standard errors"
+            "so something is most likely missing from it; no standard errors"
         )
     if end.lacking:
         return LACKING
