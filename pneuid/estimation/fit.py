@@ -40,8 +40,8 @@ BEYOND_CHANCE = (
 """Of 112 exact fits to random rigs seven have a parameter more than four standard errors off, six of them such a residual."""
 
 LACKING = (
-    "relaxed: no parameters of the model follow the runs without jumps, whatever the fit starts from, so something is most likely "
-    "missing from it; no standard errors"
+    "relaxed: no parameters of the model follow the runs without jumps, whatever the fit starts from, so something is most "
+    "likely missing from it; no standard errors"
 )
 
 
