@@ -463,6 +463,14 @@ def test_a_relaxed_fit_is_labelled(servo):
     assert not any(isinstance(part, Table) for part in trusted.parts)
 
 
+def test_what_is_missing_beside_rivals_stands_apart():
+    found = Diagnosis("ambiguous", ("gravity", "sensor_offset_F", "load_mass"), (), beside=("load_mass",))
+    assert verdict_lines(found)[0].endswith("one of gravity, sensor_offset_F (these data cannot tell which); and load_mass")
+    words = str(sections.diagnosis_verdict(found).parts[0])
+    assert "cannot tell apart: gravity, sensor_offset_F. Missing whichever it is: load_mass." in words
+    assert found.to_dict()["beside"] == ["load_mass"]
+
+
 @pytest.mark.parametrize("verdict", ["adequate", "effect", "ambiguous", "unknown"])
 def test_every_verdict_has_its_words(verdict):
     found = dataclasses.replace(

@@ -319,9 +319,10 @@ def diagnosis_verdict(diagnosis: Diagnosis, patm: float = ATMOSPHERE) -> Section
     words, kind = _VERDICTS.get(diagnosis.verdict, (diagnosis.verdict, "warning"))
     if diagnosis.verdict == "adequate" and NOTHING_MISSING not in diagnosis.sentences:
         words, kind = f"{NOT_SHOWN.capitalize()}.", "warning"
-    parts: list[Part] = [
-        Paragraph(words.replace("NAMES", ", ".join(diagnosis.effects)), "good" if kind == "good" else "warning")
-    ]
+    words = words.replace("NAMES", ", ".join(name for name in diagnosis.effects if name not in diagnosis.beside))
+    if diagnosis.beside:
+        words += f" Missing whichever it is: {', '.join(diagnosis.beside)}."
+    parts: list[Part] = [Paragraph(words, "good" if kind == "good" else "warning")]
     if diagnosis.verdict == "unknown" and diagnosis.effects:
         parts.append(Paragraph(f"Found beside it: {', '.join(diagnosis.effects)}."))
     known = [f"{name}: {CATALOGUE[name].mechanism}." for name in diagnosis.effects if name in CATALOGUE]
