@@ -249,6 +249,18 @@ def test_a_supply_that_a_chamber_exceeds_is_named(stated):
     assert f"above the supply of {stated:g} bar" in finding.seen
 
 
+def test_the_supply_to_state_follows_the_rigs_convention():
+    least = {}
+    for pressure in ("gauge", "abs"):
+        rig = servo_rig(Stand(bar=5.0), pressure)
+        found = check_recordings(rig, [Recording.from_arrays("run.csv", rig, **record_of(Stand(bar=7.0)))])
+        advice = next(one for one in found if one.check == "supply_too_low").advice
+        assert f"({pressure})" in advice
+        least[pressure] = float(advice.split('supply = "')[1].split(" bar")[0])
+    assert 5.0 < least["gauge"] <= 7.0
+    assert least["abs"] - least["gauge"] == pytest.approx(ATMOSPHERE / 1e5, abs=0.02)
+
+
 def test_a_supply_that_is_fitted_is_no_slip():
     rig = replace(servo_rig(Stand(bar=5.0)), runs={"run.csv": RunSettings(free=("supply",))})
     found = check_recordings(rig, [Recording.from_arrays("run.csv", rig, **record_of(Stand(bar=7.0)))])

@@ -195,9 +195,10 @@ def test_a_form_that_explains_more_than_an_effect_in_its_place_is_shown(alone, n
 
 
 @pytest.mark.parametrize(
-    ("gain", "brought", "verdict"), [(0.08, 0.002, "unknown"), (0.04, 0.002, "effect"), (0.08, 0.03, "effect")]
+    ("gain", "brought", "after", "verdict"),
+    [(0.08, 0.002, 1.9, "unknown"), (0.04, 0.002, 1.9, "effect"), (0.08, 0.03, 1.9, "effect"), (0.08, 0.002, 1.3, "effect")],
 )  # fmt: skip
-def test_what_the_training_runs_show_far_more_than_the_effect_named_is_missing_too(gain, brought, verdict, monkeypatch):
+def test_what_the_training_runs_show_far_more_than_the_effect_named_is_missing_too(gain, brought, after, verdict, monkeypatch):
     """The held-out runs, beyond where it was seen, bear out an effect that the training runs hardly ask for."""
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
     best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE["friction_viscous_nonlinear"]]))
@@ -205,7 +206,7 @@ def test_what_the_training_runs_show_far_more_than_the_effect_named_is_missing_t
     monkeypatch.setattr("pneuid.criticism.unknown.search", lambda *_: seen)
     costs = base.relaxed_cost / (1.0 - brought), base.relaxed_cost
     monkeypatch.setattr("pneuid.criticism.unknown.comparable_costs", lambda *_: list(costs))
-    rungs = [Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6) for effects, error in (((), 2.6), (("one",), 1.9))]
+    rungs = [Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6) for effects, error in (((), 2.6), (("one",), after))]
     diagnosis = Diagnosis("effect", ("friction_viscous_nonlinear",), (), Unknown("force", (), 1.0, "N"))
     found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
     assert (found.verdict, found.effects) == (verdict, ("friction_viscous_nonlinear",))

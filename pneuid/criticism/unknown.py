@@ -77,9 +77,9 @@ more, or explains nothing; of seven that it does not hold 0.00, 0.02, 0.29, 0.69
 
 UNSEEN = (
     "most of all the training runs show {}: it takes {:.1f} % of what they leave, the named effects take {:.1f} %; the "
-    "held-out runs do not bear it out, and {:.0f} % of their samples lie outside its range in the training runs: train on runs "
-    "that cover it"
+    "held-out runs do not bear it out"
 )
+BEYOND = ", and {:.0f} % of their samples lie outside its range in the training runs: train on runs that cover it"
 
 IN_PLACE = "beside {0} nothing explains the rest; more than {0} does, in its place, a form that the catalogue lacks"
 """Said where the effect stands, since it explains most, and a function alone explains a little more."""
@@ -245,7 +245,7 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
         sentences = (*diagnosis.sentences, IN_PLACE.format(", ".join(diagnosis.effects)), *_said(alone))
         return replace(verdict, diagnosis=replace(diagnosis, unknown=_unknown(alone), sentences=sentences))
     if not rest.explains:
-        return _seen_in_training(verdict, rest) if diagnosis.effects else verdict
+        return _seen_in_training(verdict, rest) if diagnosis.effects and much else verdict
     found = replace(diagnosis, unknown=_unknown(rest), sentences=(*diagnosis.sentences, *_said(rest)))
     if diagnosis.effects and much and _other(rest, theirs) and rest.beyond < UNCOVERED and rest.explained > NEARLY_ALL:
         found = replace(found, verdict="unknown")
@@ -258,7 +258,8 @@ def _seen_in_training(verdict: Verdict, rest: Found) -> Verdict:
     without, with_them = comparable_costs(verdict.base, verdict.best)
     if rest.gain < max(SEEN * standing, TIMES * (without - with_them)):
         return verdict
-    words = UNSEEN.format(term.name, 100 * rest.gain / standing, 100 * (without - with_them) / without, 100 * rest.beyond)
+    words = UNSEEN.format(term.name, 100 * rest.gain / standing, 100 * (without - with_them) / without)
+    words += BEYOND.format(100 * rest.beyond) if rest.beyond > UNCOVERED else ""
     unknown = Unknown(term.equation, term.depends_on, rest.rms, term.unit)
     sentences = (*verdict.diagnosis.sentences, words)
     return replace(verdict, diagnosis=replace(verdict.diagnosis, verdict="unknown", unknown=unknown, sentences=sentences))

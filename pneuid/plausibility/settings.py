@@ -56,12 +56,14 @@ def supply_too_low(rig: Rig, runs: Sequence[Recording]) -> Finding | None:
         above = float(np.mean(chamber > _ABOVE * stated))
         top, usual = float(np.percentile(chamber, 98)) / 1e5, float(np.median(stated)) / 1e5
         if above > _OFTEN and top < _UNIT * usual:
+            convention = rig.pressure_convention
+            least = top + (rig.patm / 1e5 if convention == "abs" else 0.0)
             return Finding(
                 "supply_too_low", run.name,
                 f"a chamber reaches {top:.3g} bar gauge and is above the supply of {usual:.3g} bar for "
                 f"{100 * above:.0f} % of the run",
                 "the supply of this run is stated too low",
-                f'state it under [runs."{run.name}"] as supply = "{top:.2g} bar" or more, or record it as psup',
+                f'state it under [runs."{run.name}"] as supply = "{least:.3g} bar" ({convention}) or more, or record psup',
             )  # fmt: skip
     return None
 
