@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-hidden_effects = pytest.importorskip("hidden_effects", reason="the benchmarks are not beside the tests")
+hidden_counts = pytest.importorskip("hidden_counts", reason="the benchmarks are not beside the tests")
 
 
 def row(category, names, verdict, effects, rig="random", unknown=None, explained=0.95):
@@ -23,7 +23,7 @@ def test_varied_cases_that_hide_nothing_are_counted_apart():
         row("varied", ["gravity"], "effect", ["gravity"]), row("varied", [], "adequate", []),
         row("varied", [], "effect", ["load_mass"], rig="random bench"), row("varied", ["load_mass"], "unknown", []),
     ]  # fmt: skip
-    totals = [words for words in hidden_effects.table(rows).splitlines() if words.startswith("all of")]
+    totals = [words for words in hidden_counts.table(rows).splitlines() if words.startswith("all of")]
     lines = {words[:30].strip(): words.split()[-6:] for words in totals}
     assert set(lines) == {"all of varied servo", "all of varied servo, null", "all of varied bench, null"}
     assert lines["all of varied servo"] == ["2", "1", "1", "0", "2", "0"]
@@ -36,6 +36,6 @@ def test_varied_cases_that_hide_nothing_are_counted_apart():
 )
 def test_outside_the_catalogue_the_verdict_or_the_function_counts(verdict, equation, depends_on, either):
     said = {"equation": equation, "depends_on": depends_on}
-    marked = hidden_effects.marks(row("outside", ["cogging"], verdict, ["load_mass"], unknown=said))
+    marked = hidden_counts.marks(row("outside", ["cogging"], verdict, ["load_mass"], unknown=said))
     assert marked["either"] is either
     assert marked["unknown"] is (verdict == "unknown")
