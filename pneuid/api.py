@@ -24,7 +24,7 @@ from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
 from pneuid.effects._by_name import canonical
 from pneuid.effects._own_file import own_effects
 from pneuid.errors import UserError
-from pneuid.estimation.fit import Fit
+from pneuid.estimation.fit import Fit, completed
 from pneuid.estimation.fit import fit as estimate
 from pneuid.estimation.preparation import prepare
 from pneuid.estimation.profile import Profile, profile
@@ -223,7 +223,7 @@ def diagnose(
         fitted = None
     if not _same_runs(fitted, train):
         fitted = None
-    base = fitted or refitted(IdentifiedModel(model.content), train, monitor)
+    base = fitted or completed(refitted(IdentifiedModel(model.content), train, monitor), monitor)
     own = {effect.name: effect for effect in (*model.content.own, *own_of(effect_files))}
     candidates = CATALOGUE | own | LAW_STEPS
     files = tuple(map(str, effect_files))

@@ -51,6 +51,9 @@ class _Starts:
     def afresh(self, fit):
         return fit
 
+    def completed(self, fit):
+        return fit
+
 
 NEXT_TO_NOTHING = 1.0 + 0.04 * (FIRST.whole - 1.0)
 

@@ -24,7 +24,7 @@ def _amplitudes_are_inside(monkeypatch):
 
 
 def walking(judge=JUDGE, refitter=None, current=FIRST) -> Walk:
-    return Walk(judge, current, FIRST, CATALOGUE, refitter or SimpleNamespace(), lambda _: None)
+    return Walk(judge, current, FIRST, CATALOGUE, refitter or SimpleNamespace(completed=lambda fit: fit), lambda _: None)
 
 
 def rivals(chosen, tried) -> tuple[str, ...]:
@@ -237,7 +237,9 @@ def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(
     [
         ((4.5, 26_300.0), (3.2, 27_400.0), ["valve_null_leakage", "valve_dead_zone"]),
         ((4.5, 27_400.0), (3.2, 26_300.0), ["valve_dead_zone", "valve_null_leakage"]),
-        ((1.61, 27_400.0), (3.2, 26_300.0), ["valve_null_leakage"]),
+        ((1.61, 26_100.0), (3.2, 26_300.0), ["valve_null_leakage"]),
+        ((1.61, 27_400.0), (3.2, 26_300.0), ["valve_dead_zone", "valve_null_leakage"]),
+        ((2.2, 26_100.0), (3.2, 26_300.0), ["valve_null_leakage", "valve_dead_zone"]),
     ],
 )
 def test_what_is_named_stands_in_order_of_weight_and_what_is_not_missed_is_dropped(zone, leak, named):

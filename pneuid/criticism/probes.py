@@ -27,11 +27,23 @@ from pneuid.physics.smoothing import FINE, Expression
 from pneuid.plant import Plant
 from pneuid.rig import Rig
 
-SERVO_PROBES = ("force", "level", "flow_1", "flow_2", "opening", "gain", "sensor_x", "sensor_p1", "sensor_p2")
+SERVO_PROBES = (
+    "force", "level", "flow_1", "flow_2", "opening", "gain", "sensor_x", "sensor_p1", "sensor_p2", "scale_x", "scale_p1",
+    "scale_p2",
+)  # fmt: skip
 BENCH_PROBES = ("force", "level")
-"""Where a constant is added: a sensor of force cannot be told from a force, the rate of a pressure not from a flow."""
+"""Where a constant is added: a sensor of force cannot be told from a force, the rate of a pressure not from a flow.
 
-_SIZES = {"opening": 0.02, "gain": 0.02, "sensor_x": 1e-4, "sensor_p1": 1e3, "sensor_p2": 1e3}
+``scale`` is what a sensor shows too much relative to its value: where the piston moves far within an interval, the error of an
+encoder over ``x`` is no constant in it, and changes what looks like the speed.
+"""
+
+_SIZES = {
+    "opening": 0.02, "gain": 0.02, "sensor_x": 1e-4, "sensor_p1": 1e3, "sensor_p2": 1e3, "scale_x": 1e-3, "scale_p1": 1e-3, "scale_p2": 1e-3,
+}  # fmt: skip
+
+STILL = 1e-20
+"""Variance of a signal within an interval, in its unit squared, that keeps the share of a signal at rest finite."""
 
 RIDGE = 10.0
 """Spread of the amplitudes' weak prior, in units of their typical size."""
@@ -78,8 +90,8 @@ class Probe(Effect):
         return opening * (1.0 + scope.p.probe_gain) + scope.p.probe_opening
 
     def sensor(self, signal: str, value: Expression, scope: Scope) -> Expression:
-        """Adds to what the sensors of a servo rig show."""
-        return value + getattr(scope.p, f"probe_sensor_{signal}", 0.0)
+        """Adds to what the sensors of a servo rig show, and to their scales."""
+        return value * (1.0 + getattr(scope.p, f"probe_scale_{signal}", 0.0)) + getattr(scope.p, f"probe_sensor_{signal}", 0.0)
 
 
 def probe_size(name: str, rig: Rig) -> float:
@@ -166,9 +178,32 @@ class Probed(Shooting):
         return found
 
 
+Actions = tuple[tuple[str, np.ndarray], ...]
+"""Probes with the weights ``(nint, k)`` of a term's splines."""
+
+
 def weights(term: Term, scope: Scope) -> np.ndarray:
     """Mean of each spline of a term over every interval ``(nint, k)``."""
-    return np.stack([np.broadcast_to(column, scope.x.shape).mean(axis=1) for column in columns(term, scope)], axis=1)
+    return _values(term, scope).mean(axis=1)
+
+
+def actions(term: Term, scope: Scope) -> Actions:
+    """The probes through which a term acts, and how each of its splines moves them in every interval ``(nint, k)``.
+
+    The error of a sensor over its own signal moves two: within an interval it is a constant and a share of the signal.
+    """
+    if f"sensor_{term.signal}" != term.equation or term.factor:
+        return ((probe_of(term), weights(term, scope)),)
+    values, signal = _values(term, scope), np.asarray(getattr(scope, term.signal))[:, :, None]
+    middle = signal.mean(axis=1, keepdims=True)
+    spread = np.maximum(np.mean((signal - middle) ** 2, axis=1), STILL)
+    share = np.mean((signal - middle) * values, axis=1) / spread
+    return (term.equation, values.mean(axis=1) - share * middle[:, 0]), (f"scale_{term.signal}", share)
+
+
+def _values(term: Term, scope: Scope) -> np.ndarray:
+    """Every spline of a term at the samples of every interval, ``(nint, K, k)``."""
+    return np.stack([np.broadcast_to(column, scope.x.shape) for column in columns(term, scope)], axis=2)
 
 
 @dataclass(frozen=True)
@@ -186,8 +221,11 @@ class _Blocks:
     node_slope: np.ndarray
 
 
-Pair = tuple[Term, np.ndarray]
-"""A term and its weights ``(nint, k)``."""
+Columns = tuple[tuple[int, np.ndarray], ...]
+"""Rows of the blocks ``(nint, width, width)`` that move together, each with its weights ``(nint, k)``."""
+
+Pair = tuple[Term, Actions]
+"""A term and what it moves."""
 
 
 class Probing:
@@ -201,7 +239,7 @@ class Probing:
 
     def screened(self, *terms: Term) -> float:
         """Predicted drop of the relaxed cost by terms: that of one Newton step in amplitudes, parameters and nodes."""
-        pairs = [(term, weights(term, self.scope)) for term in terms]
+        pairs = [(term, actions(term, self.scope)) for term in terms]
         matrix, slope, _ = self._reduced(self._start, pairs, [np.zeros(term.knots) for term in terms], 0.0)
         base = int((~self.problem.fixed).sum())
         both = slope @ np.linalg.solve(matrix, slope)
@@ -210,8 +248,8 @@ class Probing:
     def fitted(self, terms: Sequence[Term]) -> Joint:
         """Joint fit of the terms, the base parameters and the nodes, from the relaxed solution."""
         problem = self.problem
-        pairs = [(term, weights(term, self.scope)) for term in terms]
-        free, sizes = np.flatnonzero(~problem.fixed), np.concatenate([np.full(W.shape[1], self._size(t)) for t, W in pairs])
+        pairs = [(term, actions(term, self.scope)) for term in terms]
+        free, sizes = np.flatnonzero(~problem.fixed), np.concatenate([np.full(t.knots, self._size(t)) for t in terms])
         X, c, damping = problem.point.copy(), np.zeros(sizes.size), 0.0
         cost, at = self._cost(X, c, pairs), self._start
         for _ in range(ITERATIONS):
@@ -253,8 +291,9 @@ class Probing:
         problem = self.problem
         problem.added = np.zeros_like(problem.added)
         ridge = 0.0
-        for (term, W), part in zip(pairs, _parts(c, pairs), strict=True):
-            problem.added[problem.probes.index(f"probe_{probe_of(term)}")] += W @ part
+        for (term, moved), part in zip(pairs, _parts(c, pairs), strict=True):
+            for name, W in moved:
+                problem.added[problem.probes.index(f"probe_{name}")] += W @ part
             ridge += 0.5 * float(np.sum((part / (RIDGE * self._size(term))) ** 2))
         with np.errstate(over="ignore", invalid="ignore"):  # a trial point may lie anywhere
             return problem.cost(X) + ridge
@@ -292,16 +331,20 @@ class Probing:
         problem = self.problem
         n, ns, nq = problem.nint, problem.ns, problem.nq
         free = np.flatnonzero(~problem.fixed)
-        columns = [(int(j), np.ones((n, 1))) for j in free]
-        columns += [(problem.nbase + problem.probes.index(f"probe_{probe_of(term)}"), W) for term, W in pairs]
+        columns = [((int(j), np.ones((n, 1))),) for j in free]
+        columns += [
+            tuple((problem.nbase + problem.probes.index(f"probe_{name}"), W) for name, W in moved) for _, moved in pairs
+        ]
         coupling = []
-        for j, W in columns:
-            found = at.blocks[:, nq:, j][:, :, None] * W[:, None, :]
-            found[1:] += at.following[:-1, :, j][:, :, None] * W[:-1, None, :]
+        for group in columns:
+            found = np.zeros((n, ns, group[0][1].shape[1]))
+            for j, W in group:
+                found += at.blocks[:, nq:, j][:, :, None] * W[:, None, :]
+                found[1:] += at.following[:-1, :, j][:, :, None] * W[:-1, None, :]
             coupling.append(found.reshape(n * ns, -1))
         to_nodes = np.hstack(coupling)
-        matrix = np.block([[W.T @ (at.blocks[:, i, j][:, None] * V) for j, V in columns] for i, W in columns])
-        slope = np.concatenate([W.T @ at.slope[:, j] for j, W in columns])
+        matrix = np.block([[_product(at.blocks, one, other) for other in columns] for one in columns])
+        slope = np.concatenate([sum(W.T @ at.slope[:, j] for j, W in group) for group in columns])
         # the amplitudes' weak prior, in units of their sizes
         amplitudes = np.arange(free.size, slope.size)
         matrix[amplitudes, amplitudes] += RIDGE**-2
@@ -315,7 +358,12 @@ class Probing:
 
 def _parts(c: np.ndarray, pairs: Sequence[Pair]) -> list[np.ndarray]:
     """Amplitudes of all terms, cut into those of each."""
-    return list(np.split(c, np.cumsum([W.shape[1] for _, W in pairs])[:-1]))
+    return list(np.split(c, np.cumsum([term.knots for term, _ in pairs])[:-1]))
+
+
+def _product(blocks: np.ndarray, one: Columns, other: Columns) -> np.ndarray:
+    """Inner products of two groups of columns: of each a row of the blocks and its weights in every interval."""
+    return np.asarray(sum(W.T @ (blocks[:, i, j][:, None] * V) for i, W in one for j, V in other))
 
 
 def _banded(own: np.ndarray, to_next: np.ndarray) -> np.ndarray:

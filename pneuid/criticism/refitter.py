@@ -12,7 +12,7 @@ from typing import Any
 from pneuid.criticism.refits import Asked, Standing, afresh, by_sliding, on_runs, refit, without
 from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
 from pneuid.effects._own_file import own_effects
-from pneuid.estimation.fit import Fit
+from pneuid.estimation.fit import Fit, completed
 from pneuid.estimation.preparation import Run
 from pneuid.estimation.solution import Solution
 from pneuid.estimation.solver import Monitor
@@ -100,6 +100,10 @@ class Refitter:
     def by_sliding(self, base: Fit) -> list[Fit]:
         """The same model from the laws of sliding friction, where its break-away has laws."""
         return by_sliding(Standing.of(base), self.monitor)
+
+    def completed(self, found: Fit) -> Fit:
+        """The fit followed to hard continuity, itself where that leads nowhere."""
+        return completed(found, self.monitor)
 
     def without(self, base: Fit, name: str) -> Fit:
         """The fit without one of the effects."""

@@ -24,6 +24,18 @@ NEXT_TO_NOTHING = 0.05
 Say = Callable[[str], None]
 
 
+def followed(trial: Trial, current: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
+    """The trial, or its exact fit, where it leaves more than next to nothing and that predicts the training runs better."""
+    if trial.fit.exact is not None or trial.whole - 1.0 < max(judge.small, NEXT_TO_NOTHING * (current.whole - 1.0)):
+        return trial
+    fit = refitter.completed(trial.fit)
+    if fit is trial.fit:
+        return trial
+    exact = judge.trial(fit, trial.added)
+    say(f"{trial.added}: held-out error {np.sqrt(trial.whole):.2f} -> {np.sqrt(exact.whole):.2f} floors by its exact fit")
+    return min(trial, exact, key=judge.fits)
+
+
 def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
     """The trial of adding the effect of ``score`` to the model of ``current``, or one of the same model from another start.
 
@@ -31,7 +43,7 @@ def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: 
     The relaxed cost does not tell these ends apart (loose defects absorb a wrong optimum), predictions of whole stretches of
     the training runs do.
     """
-    best = read_anew(trial, judge, refitter, say)
+    best = followed(read_anew(trial, judge, refitter, say), current, judge, refitter, say)
     sizes = large_starts(current, score, SIZES)
     if not sizes or best.whole - 1.0 < max(judge.small, NEXT_TO_NOTHING * (current.whole - 1.0)):
         return best
@@ -39,7 +51,9 @@ def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: 
     asked = [Asked(score.effect, start, score.gain, False, 1.0, anew) for start in sizes for anew in (False, True)]
     ends = [judge.trial(make(), trial.added) for _, make in refitter.each(current.fit, asked)]
     end = min(ends, key=judge.fits)
-    return best if judge.fits(best) <= judge.fits(end) else read_anew(end, judge, refitter, say)
+    if judge.fits(best) <= judge.fits(end):
+        return best
+    return followed(read_anew(end, judge, refitter, say), current, judge, refitter, say)
 
 
 def read_anew(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:

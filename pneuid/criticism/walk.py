@@ -13,9 +13,10 @@ from pneuid.criticism.defects import equation_defects
 from pneuid.criticism.diagnosis import Candidate
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.restarts import settled
+from pneuid.criticism.restarts import followed, settled
 from pneuid.criticism.rounds import (
     LEAST_DROP,
+    LEAST_SHARE,
     Say,
     Tried,
     accepted,
@@ -65,6 +66,9 @@ SUSPECT = (
 MINOR = 0.5
 """Share of the excess explained, below which what was found stands in for something else, or beside something larger."""
 
+MISSED, STAYS = 0.02, 0.25
+"""Shares of the base model's excess, and of the error that is left, below which an effect's absence is not felt."""
+
 BETTER_START = (
     "the model that stood before fits better from another start ({:.2f} -> {:.2f} floors); all is measured against that"
 )
@@ -96,7 +100,7 @@ class Walk:
 
     def step(self) -> bool:
         """One round; False where there is nothing more to gain."""
-        if explained_away(self.current, self.judge):
+        if self._cannot_judge():
             return not self.named and self._by_all_runs(OPEN)
         candidates = list(self.catalogue.values())
         scores = self._screened(self.current)
@@ -107,6 +111,14 @@ class Walk:
                 self._take_both(both, tried)
                 return True
         return self._take(chosen, tried) or (not self.named and self._by_all_runs(UNEXPLAINED))
+
+    def _cannot_judge(self) -> bool:
+        """Whether the held-out error says nothing of what is missing.
+
+        Where no exact fit stands behind the model and it is far off on the training runs as well, these may say it.
+        """
+        astray = self.current.fit.exact is None and self.judge.fits(self.current) > FAR_OFF**2
+        return not self.pooled and explained_away(self.current, self.judge) and not astray
 
     def _by_all_runs(self, why: str) -> bool:
         """Accept what all runs together show, the last that can be accepted; on a bench alone.
@@ -186,8 +198,9 @@ class Walk:
             if len(self.named) < 2 or name not in {effect.name for effect in self.current.fit.plant.effects}:
                 continue  # a richer friction law took the simple one's place; without it the model is another
             smaller = self.judge.trial(self.refitter.without(self.current.fit, name))
-            rise = smaller.error - self.current.error
-            if name != self.named[-1] and rise < max(3 * self.judge.spread, 0.02 * (self.first.error - 1.0)):
+            if self.current.fit.exact is not None:
+                smaller = followed(smaller, self.current, self.judge, self.refitter, self.say)
+            if name != self.named[-1] and self._not_missed(smaller):
                 self.say(f"{name} dropped again: without it the held-out error stays")
                 self.named = [other for other in self.named if other != name]
                 self.current = smaller
@@ -196,12 +209,19 @@ class Walk:
             costlier[name] = without - now
         self.named.sort(key=lambda name: -costlier.get(name, np.inf))
 
+    def _not_missed(self, smaller: Trial) -> bool:
+        """Whether a model without one of the effects predicts held-out runs, and fits the training runs, about as well."""
+        before, without, now = costs(self.first, smaller, self.current)
+        little = min(MISSED * (self.first.error - 1.0), STAYS * self.current.error)
+        same_fit = without - now < max(LEAST_DROP, LEAST_SHARE * (before - now))
+        return same_fit and smaller.error - self.current.error < max(3 * self.judge.spread, little)
+
     def _round(self, scores: Sequence[Score], least: float) -> tuple[Tried, tuple[Score, Trial] | None]:
         """Trials of one round and the one to accept, if any, all by the floor of the best model so far."""
         made = refitted(self.current, self.first, scores, self.judge, self.refitter, self.say, least)
         if self.current.added is None and not self.pooled:
             made = overtaking(self.current, scores, made, self.judge, self.refitter, self.say)
-        tried = self._by_one_floor(made)
+        tried = self._followed(self._by_one_floor(made))
         chosen, known, looked = self._best(tried), set[str](), False
         while True:
             # a leading effect that does not bear other starts may have kept others from being looked at
@@ -219,6 +239,21 @@ class Walk:
                     better = settled(*one, self.current, self.judge, self.refitter, self.say)
                     tried = [(score, better if score is one[0] else trial) for score, trial in tried]
             chosen = self._best(tried)
+
+    def _followed(self, tried: Tried) -> Tried:
+        """Those tried; what fits the training runs best, and what fits them alike, followed to exact fits where much is left.
+
+        A relaxed fit sees little of a break-away, and may leave most of the held-out error for it.
+        """
+        if self.pooled or not tried:
+            return tried
+        gains = [now - after for _, trial in tried for now, after in [costs(self.current, trial)]]
+        least = max(gains) - max(TELLING * max(gains), SURE)
+        ended = [
+            (score, followed(trial, self.current, self.judge, self.refitter, self.say) if gain >= least else trial)
+            for (score, trial), gain in zip(tried, gains, strict=True)
+        ]
+        return self._by_one_floor(ended)
 
     def _best(self, tried: Tried) -> tuple[Score, Trial] | None:
         """The trial to accept, if any: what the held-out runs say, or all runs where those cannot judge."""
@@ -255,8 +290,8 @@ class Walk:
         if smaller is not None:
             own = self.rung(smaller, True)
             self.rungs = [*self.rungs, own] if self.named else [own, *self.rungs[1:]]
-            cannot_judge = not self.pooled and explained_away(self.current, self.judge)
-            if cannot_judge or self._best([chosen]) is None:
+            shown = chosen[1].fit.exact is not None and self.current.fit.exact is None
+            if (self._cannot_judge() and not shown) or self._best([chosen]) is None:
                 self.rungs.append(self.rung(chosen[1], False))
                 return True
         self._accept([chosen[0].effect.name], chosen, tried)
@@ -348,8 +383,11 @@ def _better_without(chosen: tuple[Score, Trial], current: Trial, judge: Judge, r
     if name not in {effect.name for effect in trial.fit.plant.effects}:
         return None  # a richer friction law took the simple one's place; without it the model is another
     smaller = judge.trial(refitter.without(trial.fit, name), current.added)
+    if trial.fit.exact is not None and current.fit.exact is None:
+        smaller = judge.trial(refitter.completed(smaller.fit), current.added)
     now, less = costs(current, smaller)
-    return smaller if less < now - LEAST_DROP and smaller.error < current.error else None
+    cheaper = less < now - LEAST_DROP or (smaller.fit.exact is not None and current.fit.exact is None)
+    return smaller if cheaper and smaller.error < current.error else None
 
 
 def _leading(scores: Sequence[Score]) -> str:

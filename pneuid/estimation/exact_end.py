@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 
 import numpy as np
 
@@ -27,6 +28,9 @@ from pneuid.estimation.task import Task, inside, values_at
 
 DEARER = 0.01
 """Relative rise of the relaxed cost up to which a break-away seen along windows is taken: that cost hardly sees it."""
+
+LIKELY = 2
+"""Ways to the exact fit that are tried where it is asked for soon: straight, where that is near, and windows from one start."""
 
 Way = Callable[[], Exact | None]
 """One attempt at the exact fit; None where it leads to none."""
@@ -54,6 +58,26 @@ def exact_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
             break  # paths from two starts leave so much that the model must differ from the rig: a third does not mend that
         if len(grown) > 1 and agree(*grown[-2:]):
             return _relaxed_at(end, grown, task)  # from elsewhere it would take long to end nowhere
+    return end
+
+
+def likely_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
+    """As ``exact_end``, by the likeliest ways alone and without a doubt: soon decided where the model is right, and where it
+    is not.
+
+    Raises ``KeyboardInterrupt`` where it is stopped.
+    """
+    end, grown = End(problem, soft), list[Grown]()
+
+    def windows(X: np.ndarray) -> Exact | None:
+        hard, found = exact_by_windows(problem, soft.outcome, X, task.monitor)
+        grown.append(found)
+        return hard
+
+    for way in islice(_ways(task, problem, soft, windows), LIKELY if end.near else 0):
+        end = replace(end, hard=way())
+        if end.hard is not None:
+            break
     return end
 
 

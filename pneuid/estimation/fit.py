@@ -11,7 +11,7 @@ import numpy as np
 
 from pneuid.errors import UserError
 from pneuid.estimation.by_sections import by_sections
-from pneuid.estimation.exact_end import better, exact_end
+from pneuid.estimation.exact_end import better, exact_end, likely_end
 from pneuid.estimation.preparation import Run, noise_of, prepare
 from pneuid.estimation.reread import reread
 from pneuid.estimation.shooting import TIGHT, Shooting
@@ -141,6 +141,22 @@ def fit(
     if ends[-1].interrupted:
         raise Interrupted(replace(found, converged=False, status=f"interrupted, best so far; {found.status}"))
     return found
+
+
+def completed(found: Fit, monitor: Monitor | None = None) -> Fit:
+    """``found`` followed from its relaxed solution to the exact fit, by the likeliest ways; itself where they lead to none.
+
+    Raises ``Interrupted`` with ``found`` after a ctrl-C.
+    """
+    if found.exact is not None:
+        return found
+    began = time.monotonic()
+    task = Task(found.plant, [run.recording for run in found.runs], found.runs, {}, monitor)
+    try:
+        end = likely_end(task, found.problem, Relaxed(found.relaxed, found.defect_level, found.loose))
+    except KeyboardInterrupt:
+        raise Interrupted(replace(found, converged=False, status=f"interrupted, best so far; {found.status}")) from None
+    return found if end.hard is None else result_of(end, found.noise, found.seconds + time.monotonic() - began)
 
 
 def _ends(task: Task, start: Mapping[str, float], exact: bool) -> list[End]:
