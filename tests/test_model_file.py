@@ -40,7 +40,7 @@ def relaxed_model() -> Model:
 
 def nominal() -> Model:
     """A model with an effect, made without a fit."""
-    return nominal_model(rig(), {**TRUTH, "G_leak": 1e-11, "F_g": -3.0}, RANGES, ["gravity", "leakage_internal"])
+    return nominal_model(rig(), {**TRUTH, "G_leak": 1e-11, "m_leak": 0.7, "F_g": -3.0}, RANGES, ["gravity", "leakage_internal"])
 
 
 MODELS: dict[str, Callable[[], Model]] = {"exact": exact_model, "relaxed": relaxed_model, "nominal": nominal}
