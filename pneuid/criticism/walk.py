@@ -21,6 +21,7 @@ from pneuid.criticism.rounds import (
     Tried,
     accepted,
     costs,
+    inside_bounds,
     leaves_much,
     overtaking,
     promised_alike,
@@ -51,6 +52,10 @@ IN_TURN = "each held-out run is predicted by fits to all runs but it, with this 
 OUTSIDE = "they know nothing of what the run left out asks for; but only with the effect a fit to all runs leaves noise alone"
 
 OPEN = "noise and what the training runs leave open explain the held-out error; now all runs are fitted together"
+TRAINING = (
+    "{} is what the training runs show: with it noise alone is left of them, and their cost falls by {:.0f}, more than the {:.0f} "
+    "of chance and the method; the held-out runs cannot judge it, but do not speak against it"
+)
 UNEXPLAINED = "nothing that the training runs suggest explains the held-out runs; now all runs are fitted together"
 
 ASTRAY = (
@@ -101,7 +106,7 @@ class Walk:
     def step(self) -> bool:
         """One round; False where there is nothing more to gain."""
         if self._cannot_judge():
-            return not self.named and self._by_all_runs(OPEN)
+            return not self.named and (self._by_training_runs() or self._by_all_runs(OPEN))
         candidates = list(self.catalogue.values())
         scores = self._screened(self.current)
         tried, chosen = self._round(scores, LEAST_DROP)
@@ -119,6 +124,33 @@ class Walk:
         """
         astray = self.current.fit.exact is None and self.judge.fits(self.current) > FAR_OFF**2
         return not self.pooled and explained_away(self.current, self.judge) and not astray
+
+    def _by_training_runs(self) -> bool:
+        """Accept what leaves noise alone of a servo rig's training runs, which so far leave more, where the held-out runs cannot
+        judge and do not speak against it.
+
+        On a bench all runs together decide.
+        """
+        current = self.current
+        if not current.fit.plant.servo or self.judge.learned(current):
+            return False
+        scores, least = self._screened(current), least_shown(current)
+        tried = self._followed(
+            self._by_one_floor(refitted(current, self.first, scores, self.judge, self.refitter, self.say, least))
+        )
+        current, found = self.current, []
+        for score, trial in tried:
+            now, after = costs(current, trial)
+            quiet = self.judge.learned(trial) and trial.error < current.error + 3 * self.judge.spread
+            if now - after > least and quiet and inside_bounds(score, trial):
+                found.append((now - after, score, trial))
+        if not found:
+            return False
+        gain, score, trial = max(found, key=lambda item: item[0])
+        took = self._take((score, trial), tried)
+        if score.effect.name in self.named:
+            self.moved.append(TRAINING.format(score.effect.name, gain, least))
+        return took
 
     def _by_all_runs(self, why: str) -> bool:
         """Accept what all runs together show, the last that can be accepted; on a bench alone.
