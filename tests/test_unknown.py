@@ -27,7 +27,17 @@ from pneuid.estimation.fit import Fit, fit
 from pneuid.estimation.preparation import prepare
 from pneuid.plant import Plant
 from pneuid.recording import Recording
-from pneuid.virtual_rig import ATMOSPHERE, Friction, Hidden, TruthBench, record_bench, sine
+from pneuid.virtual_rig import (
+    ATMOSPHERE,
+    OUTSIDE_EFFECTS,
+    Friction,
+    Hidden,
+    TruthBench,
+    TruthServo,
+    record_bench,
+    record_servo,
+    sine,
+)
 
 STAND = rig("bench", {"sensors": {"x": "0.3 um", "p1": "0.5 kPa", "p2": "0.5 kPa"}})
 
@@ -71,6 +81,16 @@ def test_the_joint_fit_finds_what_a_compiled_spline_finds():
     mine, exact = (values - values.mean() for values in both)
     assert np.sqrt(np.mean((mine - exact) ** 2)) < 0.15 * np.sqrt(np.mean(exact**2))
     assert probing.problem.added.max() == 0.0
+
+
+@pytest.mark.parametrize(("hidden", "named"), [("encoder_bow", "sensor_x"), ("cogging", "force")])
+def test_an_encoder_that_is_wrong_over_x_is_told_from_a_force_and_from_a_valve_over_x(hidden, named):
+    """The piston moves 10 mm within an interval, over which the error of the encoder changes and looks like a speed."""
+    record = record_servo(TruthServo(), OUTSIDE_EFFECTS[hidden].strong, "multisine", 4.0, 5, supply=7e5 + ATMOSPHERE)
+    probing = Probing(fit(Plant(rig(), "lugre"), [Recording.from_arrays("s7.csv", rig(), **record)], exact=False))
+    drop, term = ranking(probing)[0]
+    assert (term.equation, term.signal) == (named, "x")
+    assert probing.start_cost - probing.fitted([term]).cost == pytest.approx(drop, rel=0.2)
 
 
 @cache

@@ -332,9 +332,14 @@ class Probing:
         n, ns, nq = problem.nint, problem.ns, problem.nq
         free = np.flatnonzero(~problem.fixed)
         columns = [((int(j), np.ones((n, 1))),) for j in free]
-        columns += [
-            tuple((problem.nbase + problem.probes.index(f"probe_{name}"), W) for name, W in moved) for _, moved in pairs
-        ]
+        rig, first = problem.plant.rig, problem.nbase
+        for term, moved in pairs:
+            size = self._size(term)  # of an amplitude; blocks are in units of each probe's own
+            columns.append(
+                tuple(
+                    (first + problem.probes.index(f"probe_{name}"), W * (size / probe_size(name, rig))) for name, W in moved
+                )
+            )
         coupling = []
         for group in columns:
             found = np.zeros((n, ns, group[0][1].shape[1]))
