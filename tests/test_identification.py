@@ -11,10 +11,11 @@ from helpers import BENCH, TRUTH, base_fit, rig, servo_run, train_runs
 from scipy.sparse.linalg import splu
 
 from pneuid.errors import UserError
+from pneuid.estimation import fit as fitting
 from pneuid.estimation.assembly import Assembly
 from pneuid.estimation.differentiate import spline_motion
 from pneuid.estimation.first_guess import first_guess, motions
-from pneuid.estimation.fit import Fit, Interrupted, fit
+from pneuid.estimation.fit import Fit, Interrupted, completed, fit
 from pneuid.estimation.noise import noise_from_roughness
 from pneuid.estimation.preparation import Run, data_ranges, noise_of, prepare
 from pneuid.estimation.shooting import Shooting
@@ -164,6 +165,33 @@ def test_a_wrong_model_stays_relaxed_and_says_so():
     # numbers there are, inside their bounds
     for item in found.problem.declared:
         assert item.lower <= found.values[item.name] <= item.upper
+
+
+def test_a_relaxed_fit_is_followed_to_the_exact_one_it_leads_to():
+    soft = fit(Plant(rig(), "lugre"), train_runs(), exact=False)
+    found = completed(soft)
+    assert soft.stage == "relaxed" and found.stage == "exact" and found.spread is not None
+    assert found.relaxed is soft.relaxed and found.seconds > soft.seconds
+    assert found.cost_per_sample < 1.1
+    off = errors(found)
+    assert abs(off["Fc"]) < 0.02 and abs(off["sigma0"]) < 0.05 and abs(off["C"]) < 0.01
+    assert completed(found) is found
+
+
+def test_a_wrong_model_is_followed_to_no_exact_fit():
+    soft = fit(Plant(rig(), "lugre"), train_runs("leakage_internal"), exact=False)
+    assert completed(soft) is soft
+
+
+def test_following_a_fit_can_be_stopped_and_keeps_it(monkeypatch):
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    soft = fit(Plant(rig(), "lugre"), train_runs(), exact=False)
+    monkeypatch.setattr(fitting, "likely_end", stopped)
+    with pytest.raises(Interrupted) as caught:
+        completed(soft)
+    assert caught.value.best.values == soft.values and caught.value.best.status.startswith("interrupted, best so far")
 
 
 def _short(recording: Recording, every: int, count: int, stand: Rig) -> Recording:

@@ -25,6 +25,30 @@ def test_break_away_is_read_anew_where_the_training_runs_fit_better_for_it(train
     assert restarts.read_anew(accepted, judge, refitter, lambda _: None) is (other if taken else accepted)
 
 
+@pytest.mark.parametrize(("training", "taken"), [(2.0, True), (400.0, False)])
+def test_a_relaxed_fit_is_judged_by_the_exact_one_it_leads_to_where_that_predicts_the_training_runs_better(training, taken):
+    relaxed = replace(stub(20.0, 27_000.0, "friction_lag"), train={"x": 100.0})
+    exact = replace(stub(1.1, 27_000.0, "friction_lag"), train={"x": training})
+    judge = SimpleNamespace(small=0.15, trial=lambda *_: exact, fits=lambda trial: trial.train["x"])
+    refitter = SimpleNamespace(completed=lambda _: exact.fit)
+    assert restarts.followed(relaxed, FIRST, judge, refitter, lambda _: None) is (exact if taken else relaxed)
+
+
+@pytest.mark.parametrize("whole", [1.1, 1.0 + 0.04 * 144.0])
+def test_what_leaves_next_to_nothing_or_has_an_exact_fit_is_followed_no_further(whole):
+    judge, refitter = SimpleNamespace(small=0.15), SimpleNamespace()
+    small, exact = stub(whole, 27_000.0, "friction_lag"), stub(90.0, 27_000.0, "friction_lag")
+    exact.fit.exact = "an exact fit"
+    for trial in (small, exact):
+        assert restarts.followed(trial, FIRST, judge, refitter, lambda _: None) is trial
+
+
+def test_a_fit_that_leads_to_no_exact_one_stays():
+    trial, judge = stub(90.0, 27_000.0, "friction_lag"), SimpleNamespace(small=0.15)
+    refitter = SimpleNamespace(completed=lambda fit: fit)
+    assert restarts.followed(trial, FIRST, judge, refitter, lambda _: None) is trial
+
+
 def test_an_accepted_effect_that_leaves_noise_alone_is_left_alone():
     judge, refitter = SimpleNamespace(small=0.15), SimpleNamespace()
     accepted = stub(1.1, 27_000.0, "gravity")

@@ -122,25 +122,28 @@ STOOD_IN = [
     ("friction_position", 0.6, 0.81, "unknown"), ("friction_position", 0.6, 0.79, "effect"),
     # a force over x beside a force over x: what the effect's form lacks, while it explains most
     ("load_spring", 0.8, 0.99, "effect"), ("load_spring", 0.7, 0.99, "unknown"),
+    # one function for several effects of several equations
+    ("load_spring friction_position", 0.8, 0.99, "unknown"), ("load_spring friction_position", 0.97, 0.99, "effect"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("effect", "explains", "alone", "verdict"), STOOD_IN)
 def test_an_effect_that_stood_in_for_the_unknown_gives_way_to_it(effect, explains, alone, verdict, monkeypatch):
     """The named effect explains a share of the held-out excess of 99 floors, the unknown force over x alone another."""
+    names = tuple(effect.split())
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
     monkeypatch.setattr(
         "pneuid.criticism.unknown.search", lambda *_: replace(named, before=100.0, after=1.0 + 99.0 * (1.0 - alone))
     )
     rungs = [
         Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6)
-        for effects, error in (((), 10.0), ((effect,), np.sqrt(1.0 + 99.0 * (1.0 - explains))))
+        for effects, error in (((), 10.0), (names, np.sqrt(1.0 + 99.0 * (1.0 - explains))))
     ]
-    diagnosis = Diagnosis("effect", (effect,), (), Unknown("force", ("x",), 1.0, "N"))
-    best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE[effect]]))
+    diagnosis = Diagnosis("effect", names, (), Unknown("force", ("x",), 1.0, "N"))
+    best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE[name] for name in names]))
     found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
     assert found.verdict == verdict
-    assert found.effects == (() if verdict == "unknown" else (effect,))
+    assert found.effects == (() if verdict == "unknown" else names)
     assert found.unknown is not None and found.unknown.curve is not None
 
 

@@ -193,6 +193,77 @@ def test_the_model_without_an_accepted_effect_may_be_better_than_it_was(error, c
     assert (found is smaller) if better else (found is None)
 
 
+@pytest.mark.parametrize(("error", "better"), [(20.0, True), (150.0, False)])
+def test_a_model_that_reaches_an_exact_fit_from_where_an_effect_led_needs_no_effect(error, better):
+    """The effect led it out of a wrong break-away, of which the relaxed cost tells nothing."""
+    with_effect, smaller, exact = stub(18.0, 42_000.0, "load_mass"), stub(140.0, 43_001.0), stub(error, 43_001.0)
+    with_effect.fit.plant = SimpleNamespace(effects=[CATALOGUE["load_mass"]])
+    with_effect.fit.exact = exact.fit.exact = "an exact fit"
+    judge = SimpleNamespace(trial=lambda fit, _added: exact if fit is exact.fit else smaller)
+    refitter = SimpleNamespace(without=lambda *_: smaller.fit, completed=lambda _: exact.fit)
+    found = _better_without((score("load_mass", 100.0), with_effect), FIRST, judge, refitter)
+    assert (found is exact) if better else (found is None)
+
+
+def test_what_fits_the_training_runs_alike_is_followed_to_its_exact_fit_and_nothing_else(monkeypatch):
+    asked = []
+    monkeypatch.setattr(walk, "followed", lambda trial, *_: asked.append(trial.added) or trial)
+    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    ends = {"valve_lag": 26_333.0, "line_delay": 26_700.0, "gravity": 30_000.0}
+    tried = [(score(name, 800.0), stub(9.0, cost, name)) for name, cost in ends.items()]
+    assert walking()._followed(tried) == tried and asked == ["valve_lag", "line_delay"]
+
+
+TOLD = {"gravity": (1.2, 42_000.0, True), "load_spring": (1.1, 42_500.0, True)}
+"""Held-out error, training cost, and whether noise alone is left of the training runs."""
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({}, ["gravity"]),
+        ({"gravity": (2.2, 42_000.0, True)}, ["load_spring"]),  # held-out runs speak against the one that shows more
+        ({"gravity": (1.2, 42_000.0, False)}, ["load_spring"]),  # more than noise is left
+        ({"gravity": (1.2, 42_990.0, True), "load_spring": (1.1, 42_990.0, True)}, []),  # chance
+    ],
+)
+def test_training_runs_name_an_effect_where_held_out_runs_cannot_judge(changes, named, monkeypatch):
+    told = TOLD | changes
+    tried = [(score(name, 900.0), stub(error, cost, name)) for name, (error, cost, _) in told.items()]
+    monkeypatch.setattr(walk, "refitted", lambda *_: tried)
+    monkeypatch.setattr(walk, "screen", lambda *_: [one for one, _ in tried])
+    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(walk, "_better_without", lambda *_: None)
+    monkeypatch.setattr(Walk, "rung", lambda _self, trial, accepted: (trial, accepted))
+    current = stub(1.3, 43_000.0)
+    current.fit.plant = SimpleNamespace(servo=True)
+    for _, trial in tried:
+        trial.fit.plant = SimpleNamespace(parameters=[])
+    judge = SimpleNamespace(**vars(JUDGE) | {"learned": lambda trial: trial.added is not None and told[trial.added][2]})
+    going = walking(judge, current=current)
+    assert going._by_training_runs() is bool(named) and going.named == named
+    assert [name in line for name, line in zip(named, going.moved, strict=True)] == [True] * len(named)
+
+
+def test_training_runs_of_a_bench_or_without_a_rest_name_nothing():
+    bench, quiet = stub(1.3, 43_000.0), stub(1.3, 43_000.0)
+    bench.fit.plant, quiet.fit.plant = SimpleNamespace(servo=False), SimpleNamespace(servo=True)
+    unlearned = SimpleNamespace(**vars(JUDGE) | {"learned": lambda _: False})
+    assert not walking(unlearned, current=bench)._by_training_runs()
+    assert not walking(SimpleNamespace(**vars(JUDGE) | {"learned": lambda _: True}), current=quiet)._by_training_runs()
+
+
+@pytest.mark.parametrize(("exact", "training", "judges"), [(None, 70.0, True), (None, 8.0, False), ("exact", 70.0, False)])
+def test_what_is_open_is_no_reason_not_to_look_where_a_relaxed_fit_is_far_off_on_the_training_runs_too(
+    exact, training, judges, monkeypatch
+):
+    monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
+    current = stub(1.1, 26_000.0)
+    current.fit.exact = exact
+    going = walking(SimpleNamespace(**vars(JUDGE) | {"fits": lambda _: training}), current=current)
+    assert going._cannot_judge() is not judges
+
+
 def test_a_richer_friction_law_cannot_be_taken_out():
     richer = stub(18.0, 26_400.0, "law:lugre")
     richer.fit.plant = SimpleNamespace(effects=[])

@@ -81,3 +81,18 @@ def shown(tried: Tried, current: Trial, judge: Judge) -> list[tuple[Score, Trial
         if drop > least and inside_bounds(score, trial) and fitted(trial, judge) and not within_a_sample(score, trial)
     ]
     return [(score, trial) for drop, score, trial in found if found[0][0] - drop < max(TELLING * found[0][0], SURE)]
+
+
+def shown_by_training(tried: Tried, current: Trial, judge: Judge) -> tuple[Score, Trial] | None:
+    """What the training runs show most, leaving noise alone of them, where the held-out runs do not speak against it; or None.
+
+    For held-out runs that cannot judge, of a servo rig whose model leaves more than noise of the training runs.
+    """
+    least, worst = least_shown(current), current.error + 3 * judge.spread
+    drops = [(now - after, score, trial) for score, trial in tried for now, after in [costs(current, trial)]]
+    found = [
+        (drop, score, trial)
+        for drop, score, trial in drops
+        if drop > least and judge.learned(trial) and trial.error < worst and inside_bounds(score, trial)
+    ]
+    return max(found, key=lambda item: item[0])[1:] if found else None

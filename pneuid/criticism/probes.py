@@ -39,7 +39,8 @@ encoder over ``x`` is no constant in it, and changes what looks like the speed.
 """
 
 _SIZES = {
-    "opening": 0.02, "gain": 0.02, "sensor_x": 1e-4, "sensor_p1": 1e3, "sensor_p2": 1e3, "scale_x": 1e-3, "scale_p1": 1e-3, "scale_p2": 1e-3,
+    "opening": 0.02, "gain": 0.02, "sensor_x": 1e-4, "sensor_p1": 1e3, "sensor_p2": 1e3,
+    "scale_x": 1e-3, "scale_p1": 1e-3, "scale_p2": 1e-3,
 }  # fmt: skip
 
 STILL = 1e-20
@@ -331,7 +332,7 @@ class Probing:
         problem = self.problem
         n, ns, nq = problem.nint, problem.ns, problem.nq
         free = np.flatnonzero(~problem.fixed)
-        columns = [((int(j), np.ones((n, 1))),) for j in free]
+        columns: list[Columns] = [((int(j), np.ones((n, 1))),) for j in free]
         rig, first = problem.plant.rig, problem.nbase
         for term, moved in pairs:
             size = self._size(term)  # of an amplitude; blocks are in units of each probe's own

@@ -146,6 +146,8 @@ def followed(probing: Probing, ranked: Sequence[tuple[float, Term]]) -> tuple[Jo
     gain = probing.start_cost - fits[0].cost
     # one half of a leak across the piston may fit worse than what has no other half
     best = min((_with_second(probing, ranked, joint) for joint in fits), key=lambda joint: joint.cost)
+    if fits[0].cost - best.cost <= (WORTH_KNOTS - 1.0) * gain:
+        best = fits[0]  # what one term explains needs no other beside a worse one
     others = (joint for joint in fits if joint.terms[0] != best.terms[0])
     return best, tuple(joint.terms[0] for joint in others if joint.cost - best.cost < TIED * gain)
 
@@ -233,7 +235,9 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
     minor, much, alone = diagnosis.verdict == "unknown", left > MUCH * excess, None
     if diagnosis.effects and (minor or left > LITTLE * excess):
         alone = search(verdict.base, hold_out, floor, say)
-        if alone.explains and (minor or much or _other(alone, theirs)) and _takes_place(alone, left):
+        # of its own equation it is what their form lacks; but one function for several effects of several equations is plainer
+        elsewhere = _other(alone, theirs) or len(theirs) > 1
+        if alone.explains and (minor or much or elsewhere) and _takes_place(alone, left):
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
             found = replace(
                 diagnosis, verdict="unknown", effects=(), unknown=_unknown(alone),

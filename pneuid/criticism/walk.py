@@ -8,12 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import chi2
 
-from pneuid.criticism.all_runs import SURE, TELLING, beyond_doubt, least_shown, shown, within_a_sample
+from pneuid.criticism.all_runs import beyond_doubt, least_shown, shown, shown_by_training, within_a_sample
 from pneuid.criticism.defects import equation_defects
 from pneuid.criticism.diagnosis import Candidate
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.restarts import followed, settled
+from pneuid.criticism.rivals import alike, alike_in_training, contains
 from pneuid.criticism.rounds import (
     LEAST_DROP,
     LEAST_SHARE,
@@ -21,7 +22,6 @@ from pneuid.criticism.rounds import (
     Tried,
     accepted,
     costs,
-    inside_bounds,
     leaves_much,
     overtaking,
     promised_alike,
@@ -53,8 +53,8 @@ OUTSIDE = "they know nothing of what the run left out asks for; but only with th
 
 OPEN = "noise and what the training runs leave open explain the held-out error; now all runs are fitted together"
 TRAINING = (
-    "{} is what the training runs show: with it noise alone is left of them, and their cost falls by {:.0f}, more than the {:.0f} "
-    "of chance and the method; the held-out runs cannot judge it, but do not speak against it"
+    "{} is what the training runs show: with it noise alone is left of them, and their cost falls by {:.0f}, more than the "
+    "{:.0f} of chance and the method; the held-out runs cannot judge it, but do not speak against it"
 )
 UNEXPLAINED = "nothing that the training runs suggest explains the held-out runs; now all runs are fitted together"
 
@@ -126,11 +126,7 @@ class Walk:
         return not self.pooled and explained_away(self.current, self.judge) and not astray
 
     def _by_training_runs(self) -> bool:
-        """Accept what leaves noise alone of a servo rig's training runs, which so far leave more, where the held-out runs cannot
-        judge and do not speak against it.
-
-        On a bench all runs together decide.
-        """
+        """Accept what leaves noise alone of a servo rig's training runs; on a bench all runs together decide."""
         current = self.current
         if not current.fit.plant.servo or self.judge.learned(current):
             return False
@@ -138,18 +134,13 @@ class Walk:
         tried = self._followed(
             self._by_one_floor(refitted(current, self.first, scores, self.judge, self.refitter, self.say, least))
         )
-        current, found = self.current, []
-        for score, trial in tried:
-            now, after = costs(current, trial)
-            quiet = self.judge.learned(trial) and trial.error < current.error + 3 * self.judge.spread
-            if now - after > least and quiet and inside_bounds(score, trial):
-                found.append((now - after, score, trial))
-        if not found:
+        chosen = shown_by_training(tried, self.current, self.judge)
+        if chosen is None:
             return False
-        gain, score, trial = max(found, key=lambda item: item[0])
-        took = self._take((score, trial), tried)
-        if score.effect.name in self.named:
-            self.moved.append(TRAINING.format(score.effect.name, gain, least))
+        name, (now, after) = chosen[0].effect.name, costs(self.current, chosen[1])
+        took = self._take(chosen, tried)
+        if name in self.named:
+            self.moved.append(TRAINING.format(name, now - after, least))
         return took
 
     def _by_all_runs(self, why: str) -> bool:
@@ -277,13 +268,11 @@ class Walk:
 
         A relaxed fit sees little of a break-away, and may leave most of the held-out error for it.
         """
-        if self.pooled or not tried:
+        if self.pooled:
             return tried
-        gains = [now - after for _, trial in tried for now, after in [costs(self.current, trial)]]
-        least = max(gains) - max(TELLING * max(gains), SURE)
         ended = [
-            (score, followed(trial, self.current, self.judge, self.refitter, self.say) if gain >= least else trial)
-            for (score, trial), gain in zip(tried, gains, strict=True)
+            (score, followed(trial, self.current, self.judge, self.refitter, self.say) if near else trial)
+            for (score, trial), near in zip(tried, alike_in_training(tried, self.current), strict=True)
         ]
         return self._by_one_floor(ended)
 
@@ -351,13 +340,13 @@ class Walk:
 
     def _rivals(self, chosen: tuple[Score, Trial], tried: Tried) -> Tried:
         """Other effects that explain as much as the chosen one; a friction law that contains it is none."""
-        found = shown(tried, self.current, self.judge) if self.pooled else _alike(chosen, tried, self.current, self.judge)
+        found = shown(tried, self.current, self.judge) if self.pooled else alike(chosen, tried, self.current, self.judge)
         others = [pair for pair in found if pair[0] is not chosen[0]]
-        return [pair for pair in others if not _contains(pair, chosen, self.current)]
+        return [pair for pair in others if not contains(pair, chosen, self.current)]
 
     def _plainest(self, chosen: tuple[Score, Trial], tried: Tried) -> tuple[Score, Trial]:
         """The chosen effect, or what it is in a limit where it gains nothing by being more."""
-        plainer = [pair for pair in self._rivals(chosen, tried) if _contains(chosen, pair, self.current)]
+        plainer = [pair for pair in self._rivals(chosen, tried) if contains(chosen, pair, self.current)]
         return min(plainer, key=lambda pair: len(pair[1].fit.plant.parameters), default=chosen)
 
     def _record(self, score: Score, trial: Trial, keep: bool) -> None:
@@ -429,31 +418,3 @@ def _leading(scores: Sequence[Score]) -> str:
 
 def _screened(score: Score) -> Candidate:
     return Candidate(score.effect.name, score.effect.equation, score.gain, indistinguishable_from=score.group)
-
-
-def _alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge) -> Tried:
-    """Effects that explain the held-out runs and the training runs about as well as the chosen one.
-
-    Where that one leaves noise alone, so must they.
-    """
-    excess = max(current.error - 1.0, 1e-12)
-    clean = chosen[1].error - 1.0 < judge.small
-
-    def alike(trial: Trial) -> bool:
-        before, best, other = costs(current, chosen[1], trial)
-        ahead = (trial.error - chosen[1].error) / excess < TELLING
-        ahead = ahead and (trial.error - 1.0 < judge.small or not clean)
-        return ahead and other - best < max(TELLING * (before - best), SURE)
-
-    return [pair for pair in tried if alike(pair[1])]
-
-
-def _contains(one: tuple[Score, Trial], other: tuple[Score, Trial], current: Trial) -> bool:
-    """Whether the first effect is the second one in a limit, and gains nothing by being more.
-
-    Of two friction laws the one with more parameters explains whatever the other one does.
-    """
-    if one[0].effect.richer_law and other[0].effect.richer_law:
-        return len(one[1].fit.plant.parameters) > len(other[1].fit.plant.parameters)
-    _, cost, plain = costs(current, one[1], other[1])
-    return other[0].effect.name in one[0].effect.contains and plain - cost < SURE
