@@ -15,8 +15,9 @@ _SMALL = 0.02
 class SupplyDroop(Effect):
     """Supply at the valve is ``psup (1 - r q^m)``, ``q`` the supply flow averaged over the time constant ``tau``.
 
-    ``q`` counts in choked flows of the fully open valve, so ``r`` is the relative drop that such a flow would cause. A regulator's
-    pressure sinks in proportion to the flow (m = 1), that behind an orifice with its square (m = 2, ISO 6358 at small drops).
+    ``q`` counts in choked flows of the fully open valve, so ``r`` is the relative drop that such a flow would cause. A
+    regulator's pressure sinks in proportion to the flow (m = 1), that behind an orifice with its square (m = 2, ISO 6358 at
+    small drops).
     """
 
     name = "supply_droop"
