@@ -268,6 +268,18 @@ def test_a_half_that_fits_worse_alone_leads_where_the_pair_fits_best(monkeypatch
     assert [term.equation for term in followed(probes, ranked)[0].terms] == ["flow_2", "flow_1"]  # type: ignore[arg-type]
 
 
+def test_what_one_term_explains_needs_no_other_beside_a_worse_one(monkeypatch):
+    """An encoder over x, beside a valve over x that needs the encoder's error as well and fits hardly better."""
+    valve, encoder = Term("valve", "x"), Term("sensor_x", "x")
+    costs = {(valve,): 27_000.0, (encoder,): 26_400.0, (valve, encoder): 26_350.0}
+    one = lambda terms: SimpleNamespace(terms=tuple(terms), cost=costs[tuple(terms)])  # noqa: E731
+    probes = SimpleNamespace(start_cost=28_000.0, fitted=one)
+    paired = lambda probing, _, joint: probing.fitted([valve, encoder] if joint.terms == (valve,) else [encoder])  # noqa: E731
+    monkeypatch.setattr("pneuid.criticism.unknown._with_second", paired)
+    best, _ = followed(probes, [(1200.0, valve), (1100.0, encoder)])  # type: ignore[arg-type]
+    assert best.terms == (encoder,)
+
+
 @pytest.mark.parametrize(("pair_cost", "both"), [(26_200.0, True), (26_900.0, False)])
 def test_the_other_half_is_found_however_low_it_ranks_and_kept_where_it_is_worth_it(pair_cost, both):
     first, other = Term("flow_2", "x", "dp"), Term("flow_1", "x", "dp")
