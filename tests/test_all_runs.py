@@ -101,7 +101,7 @@ def walking(
     monkeypatch.setattr(walk, "same_floor", lambda by, current, first, found: (by, current, first, found))
     monkeypatch.setattr(walk, "settled", lambda _, trial, *__: trial)
     monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
-    monkeypatch.setattr(walk, "_better_without", lambda *_: None)
+    monkeypatch.setattr(walk, "better_without", lambda *_: None)
     monkeypatch.setattr(Walk, "rung", lambda _, trial, accepted: (trial.added, accepted, trial.fit.runs))
     base, by, refitter = stub(1.8, 14_000.0), judge(learned), Refits()
     base.fit.runs, base.fit.plant = ("slow",), SimpleNamespace(servo=False)

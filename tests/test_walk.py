@@ -1,4 +1,4 @@
-"""From model to model: what a round accepts, what stands beside it, better starts, and two effects at once."""
+"""From model to model: what a round accepts, what stands beside it, and better starts."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from types import SimpleNamespace
 import pytest
 from trials import FIRST, JUDGE, score, stub
 
-from pneuid.criticism import all_runs, decision, rounds, together, walk
+from pneuid.criticism import all_runs, decision, rounds, walk
 from pneuid.criticism.decision import _verdict
 from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
+from pneuid.criticism.rivals import better_without
 from pneuid.criticism.screening import Score
-from pneuid.criticism.walk import Walk, _better_without
+from pneuid.criticism.walk import Walk
 from pneuid.effects import CATALOGUE, LAW_STEPS
 from pneuid.report.summary import verdict_lines
 
@@ -189,7 +190,7 @@ def test_the_model_without_an_accepted_effect_may_be_better_than_it_was(error, c
     smaller = stub(error, cost)
     judge = SimpleNamespace(trial=lambda fit, _added: fit)
     refitter = SimpleNamespace(without=lambda _fit, name: {"load_mass": smaller}[name])
-    found = _better_without((score("load_mass", 100.0), with_effect), FIRST, judge, refitter)
+    found = better_without((score("load_mass", 100.0), with_effect), FIRST, judge, refitter)
     assert (found is smaller) if better else (found is None)
 
 
@@ -201,7 +202,7 @@ def test_a_model_that_reaches_an_exact_fit_from_where_an_effect_led_needs_no_eff
     with_effect.fit.exact = exact.fit.exact = "an exact fit"
     judge = SimpleNamespace(trial=lambda fit, _added: exact if fit is exact.fit else smaller)
     refitter = SimpleNamespace(without=lambda *_: smaller.fit, completed=lambda _: exact.fit)
-    found = _better_without((score("load_mass", 100.0), with_effect), FIRST, judge, refitter)
+    found = better_without((score("load_mass", 100.0), with_effect), FIRST, judge, refitter)
     assert (found is exact) if better else (found is None)
 
 
@@ -233,7 +234,7 @@ def test_training_runs_name_an_effect_where_held_out_runs_cannot_judge(changes, 
     monkeypatch.setattr(walk, "refitted", lambda *_: tried)
     monkeypatch.setattr(walk, "screen", lambda *_: [one for one, _ in tried])
     monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
-    monkeypatch.setattr(walk, "_better_without", lambda *_: None)
+    monkeypatch.setattr(walk, "better_without", lambda *_: None)
     monkeypatch.setattr(Walk, "rung", lambda _self, trial, accepted: (trial, accepted))
     current = stub(1.3, 43_000.0)
     current.fit.plant = SimpleNamespace(servo=True)
@@ -267,7 +268,7 @@ def test_what_is_open_is_no_reason_not_to_look_where_a_relaxed_fit_is_far_off_on
 def test_a_richer_friction_law_cannot_be_taken_out():
     richer = stub(18.0, 26_400.0, "law:lugre")
     richer.fit.plant = SimpleNamespace(effects=[])
-    assert _better_without((score("load_mass", 100.0), richer), FIRST, SimpleNamespace(), SimpleNamespace()) is None
+    assert better_without((score("load_mass", 100.0), richer), FIRST, SimpleNamespace(), SimpleNamespace()) is None
 
 
 @pytest.mark.parametrize(("error", "named"), [(19.0, []), (2.0, ["load_mass"])])
@@ -289,7 +290,7 @@ def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(
     for name, stand_in in replaced.items():
         monkeypatch.setattr(Walk, name, stand_in)
     monkeypatch.setattr(walk, "screen", lambda *_: [lead])
-    monkeypatch.setattr(walk, "_better_without", lambda *_: smaller)
+    monkeypatch.setattr(walk, "better_without", lambda *_: smaller)
     monkeypatch.setattr(walk, "joined", lambda *_: None)
     monkeypatch.setattr(decision, "judge_of", lambda *_: judge)
     monkeypatch.setattr(decision, "too_slow", lambda _: None)
@@ -325,92 +326,3 @@ def test_what_is_named_stands_in_order_of_weight_and_what_is_not_missed_is_dropp
         end.fit.plant = SimpleNamespace(effects=[CATALOGUE["valve_null_leakage"]])
     going.backward()
     assert going.named == named
-
-
-# --- two effects at once ---
-
-
-class Making:
-    """Makes the trials it was given, by the names of the effects in them."""
-
-    def __init__(self, **ends) -> None:
-        self.ends, self.order, self.asked = ends, list(CATALOGUE), []
-
-    def each(self, base, asked):
-        for one in asked:
-            names = f"{base.name}, {one.effect.name}"
-            self.asked.append(names)
-            yield one, lambda names=names: self.ends[names.replace(", ", "_and_")]
-
-
-def named_stub(error: float, cost: float, name: str):
-    found = stub(error, cost, name)
-    found.fit.name = name
-    found.fit.problem.values, found.fit.relaxed_values = {}, {}
-    return found
-
-
-ALONE = [
-    (score("sensor_offset_p1", 9e4), named_stub(8000.0, 11_000.0, "sensor_offset_p1")),
-    (score("gravity", 8e3), named_stub(9000.0, 12_000.0, "gravity")),
-    (score("friction_pressure", 2e4), named_stub(5800.0, 40_000.0, "friction_pressure")),
-]
-"""Two that fit the training runs four times as well and predict worse, and one that does a little of both."""
-
-
-def _joined(monkeypatch, ends, tried=ALONE, alone=None):
-    base = stub(7000.0, 43_000.0)
-    seconds = [score("leakage_internal", 9e3), score("valve_offset", 8e3)]
-    monkeypatch.setattr(together, "screen", lambda *_: seconds)
-    monkeypatch.setattr(together, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
-    monkeypatch.setattr(together, "read_anew", lambda trial, *_: trial)
-    judge = SimpleNamespace(
-        **vars(JUDGE), judged=lambda trial: trial,
-        trial=lambda made, added: named_stub(*made, added),
-    )
-    refitter = Making(**ends)
-    found = together.joined(base, base, tried, alone, judge, refitter, [], lambda _: None)
-    return found, refitter.asked
-
-
-PAIRS = {
-    "sensor_offset_p1_and_leakage_internal": (450.0, 7_000.0), "sensor_offset_p1_and_valve_offset": (840.0, 7_500.0),
-    "gravity_and_leakage_internal": (220.0, 7_100.0),
-}  # fmt: skip
-
-
-def test_what_only_two_effects_explain_is_found_and_every_first_one_is_tried_with_the_second(monkeypatch):
-    found, asked = _joined(monkeypatch, PAIRS, alone=ALONE[2])
-    assert found is not None and found.names == ["gravity", "leakage_internal"]
-    assert found.trial.error == 220.0
-    # friction_pressure fits no better by half, so it is no foothold
-    assert asked == [
-        "sensor_offset_p1, leakage_internal", "sensor_offset_p1, valve_offset", "gravity, leakage_internal",
-    ]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("tried", "alone", "ends"),
-    [
-        (ALONE[2:], ALONE[2], PAIRS),  # nothing fits far better
-        (ALONE, (ALONE[2][0], stub(300.0, 20_000.0)), PAIRS),  # one effect predicts nearly as well
-        (ALONE, None, dict.fromkeys(PAIRS, (3600.0, 7000.0))),  # two predict little better than none
-    ],
-)
-def test_two_effects_are_not_taken_for_what_one_or_none_explains(tried, alone, ends, monkeypatch):
-    found, _ = _joined(monkeypatch, ends, tried, alone)
-    assert found is None
-
-
-def test_both_effects_are_named_ranked_and_one_rung(monkeypatch):
-    found, _ = _joined(monkeypatch, PAIRS)
-    at = walking()
-    at.ranking = {name: walk._screened(score(name, 1e3)) for name in CATALOGUE}
-    monkeypatch.setattr(Walk, "rung", lambda _self, trial, accepted: (trial.added, accepted))
-    monkeypatch.setattr(Walk, "_record", lambda own, one, *_, **__: own.ranking.update({one.effect.name: "refitted"}))
-    at._take_both(found, ALONE)
-    assert at.named == ["gravity", "leakage_internal"] and at.current is found.trial
-    assert at.rungs[-1] == ("gravity, leakage_internal", True) and not any(taken for _, taken in at.rungs[:-1])
-    assert {name for name, item in at.ranking.items() if item == "refitted"} == {
-        "gravity", "leakage_internal", "sensor_offset_p1", "friction_pressure",
-    }  # fmt: skip

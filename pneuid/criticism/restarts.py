@@ -26,7 +26,7 @@ Say = Callable[[str], None]
 
 def followed(trial: Trial, current: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
     """The trial, or its exact fit, where it leaves more than next to nothing and that predicts the training runs better."""
-    if trial.fit.exact is not None or trial.whole - 1.0 < max(judge.small, NEXT_TO_NOTHING * (current.whole - 1.0)):
+    if trial.fit.exact is not None or _next_to_nothing(trial, current, judge):
         return trial
     fit = refitter.completed(trial.fit)
     if fit is trial.fit:
@@ -45,7 +45,7 @@ def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: 
     """
     best = followed(read_anew(trial, judge, refitter, say), current, judge, refitter, say)
     sizes = large_starts(current, score, SIZES)
-    if not sizes or best.whole - 1.0 < max(judge.small, NEXT_TO_NOTHING * (current.whole - 1.0)):
+    if not sizes or _next_to_nothing(best, current, judge):
         return best
     say(f"{trial.added}: from other sizes")
     asked = [Asked(score.effect, start, score.gain, False, 1.0, anew) for start in sizes for anew in (False, True)]
@@ -54,6 +54,11 @@ def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: 
     if judge.fits(best) <= judge.fits(end):
         return best
     return followed(read_anew(end, judge, refitter, say), current, judge, refitter, say)
+
+
+def _next_to_nothing(trial: Trial, current: Trial, judge: Judge) -> bool:
+    """Whether a trial leaves so little, the worst windows included, that no wrong optimum is behind it."""
+    return trial.whole - 1.0 < max(judge.small, NEXT_TO_NOTHING * (current.whole - 1.0))
 
 
 def read_anew(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:

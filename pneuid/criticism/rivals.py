@@ -1,9 +1,10 @@
-"""Rivals of an effect: others that explain as much of the held-out runs and of the training runs."""
+"""Rivals of an effect: others that explain as much, and the model without it, fitted from where the effect led."""
 
 from __future__ import annotations
 
 from pneuid.criticism.all_runs import SURE, TELLING
-from pneuid.criticism.rounds import Tried, costs
+from pneuid.criticism.refitter import Refitter
+from pneuid.criticism.rounds import LEAST_DROP, Tried, costs
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
 
@@ -41,3 +42,19 @@ def alike_in_training(tried: Tried, current: Trial) -> list[bool]:
     gains = [now - after for _, trial in tried for now, after in [costs(current, trial)]]
     best = max(gains, default=0.0)
     return [gain >= best - max(TELLING * best, SURE) for gain in gains]
+
+
+def better_without(chosen: tuple[Score, Trial], current: Trial, judge: Judge, refitter: Refitter) -> Trial | None:
+    """The standing model, fitted again from where the chosen effect led, where it is better there; else None.
+
+    Any effect that leads out of a local optimum would get the credit for what a better start explains.
+    """
+    name, trial = chosen[0].effect.name, chosen[1]
+    if name not in {effect.name for effect in trial.fit.plant.effects}:
+        return None  # a richer friction law took the simple one's place; without it the model is another
+    smaller = judge.trial(refitter.without(trial.fit, name), current.added)
+    if trial.fit.exact is not None and current.fit.exact is None:
+        smaller = judge.trial(refitter.completed(smaller.fit), current.added)
+    now, less = costs(current, smaller)
+    cheaper = less < now - LEAST_DROP or (smaller.fit.exact is not None and current.fit.exact is None)
+    return smaller if cheaper and smaller.error < current.error else None

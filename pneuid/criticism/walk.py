@@ -14,7 +14,7 @@ from pneuid.criticism.diagnosis import Candidate
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.restarts import followed, settled
-from pneuid.criticism.rivals import alike, alike_in_training, contains
+from pneuid.criticism.rivals import alike, alike_in_training, better_without, contains
 from pneuid.criticism.rounds import (
     LEAST_DROP,
     LEAST_SHARE,
@@ -294,7 +294,7 @@ class Walk:
 
     def _take(self, chosen: tuple[Score, Trial] | None, tried: Tried) -> bool:
         """Accept an effect, or a better start of the standing model; False where there is neither."""
-        smaller = None if chosen is None else _better_without(chosen, self.current, self.judge, self.refitter)
+        smaller = None if chosen is None else better_without(chosen, self.current, self.judge, self.refitter)
         if smaller is not None:
             self.moved.append(BETTER_START.format(np.sqrt(self.current.whole), np.sqrt(smaller.whole)))
             self.say(self.moved[-1])
@@ -311,8 +311,8 @@ class Walk:
         if smaller is not None:
             own = self.rung(smaller, True)
             self.rungs = [*self.rungs, own] if self.named else [own, *self.rungs[1:]]
-            shown = chosen[1].fit.exact is not None and self.current.fit.exact is None
-            if (self._cannot_judge() and not shown) or self._best([chosen]) is None:
+            alone_exact = chosen[1].fit.exact is not None and self.current.fit.exact is None
+            if (self._cannot_judge() and not alone_exact) or self._best([chosen]) is None:
                 self.rungs.append(self.rung(chosen[1], False))
                 return True
         self._accept([chosen[0].effect.name], chosen, tried)
@@ -393,22 +393,6 @@ def explained_share(before: Trial, after: Trial, first: Trial) -> float:
     """Share of the base model's excess that the step from ``before`` to ``after`` removes."""
     excess = first.whole - 1.0
     return float((before.whole - after.whole) / excess) if excess > 0 and np.isfinite(after.whole) else 0.0
-
-
-def _better_without(chosen: tuple[Score, Trial], current: Trial, judge: Judge, refitter: Refitter) -> Trial | None:
-    """The standing model, fitted again from where the chosen effect led, where it is better there; else None.
-
-    Any effect that leads out of a local optimum would get the credit for what a better start explains.
-    """
-    name, trial = chosen[0].effect.name, chosen[1]
-    if name not in {effect.name for effect in trial.fit.plant.effects}:
-        return None  # a richer friction law took the simple one's place; without it the model is another
-    smaller = judge.trial(refitter.without(trial.fit, name), current.added)
-    if trial.fit.exact is not None and current.fit.exact is None:
-        smaller = judge.trial(refitter.completed(smaller.fit), current.added)
-    now, less = costs(current, smaller)
-    cheaper = less < now - LEAST_DROP or (smaller.fit.exact is not None and current.fit.exact is None)
-    return smaller if cheaper and smaller.error < current.error else None
 
 
 def _leading(scores: Sequence[Score]) -> str:

@@ -62,17 +62,14 @@ def exact_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
 
 
 def likely_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
-    """As ``exact_end``, by the likeliest ways alone and without a doubt: soon decided where the model is right, and where it
-    is not.
+    """Where the likeliest ways lead, of which the first exact fit is taken: soon decided whether the model is right or not.
 
     Raises ``KeyboardInterrupt`` where it is stopped.
     """
-    end, grown = End(problem, soft), list[Grown]()
+    end = End(problem, soft)
 
     def windows(X: np.ndarray) -> Exact | None:
-        hard, found = exact_by_windows(problem, soft.outcome, X, task.monitor)
-        grown.append(found)
-        return hard
+        return exact_by_windows(problem, soft.outcome, X, task.monitor)[0]
 
     for way in islice(_ways(task, problem, soft, windows), LIKELY if end.near else 0):
         end = replace(end, hard=way())

@@ -1,0 +1,108 @@
+"""Two effects at once: what only both explain is found, named and ranked as one step."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from trials import FIRST, JUDGE, score, stub
+
+from pneuid.criticism import all_runs, rounds, together, walk
+from pneuid.criticism.walk import Walk
+from pneuid.effects import CATALOGUE
+
+
+@pytest.fixture(autouse=True)
+def _amplitudes_are_inside(monkeypatch):
+    monkeypatch.setattr(rounds, "inside_bounds", lambda *_: True)
+    monkeypatch.setattr(all_runs, "inside_bounds", lambda *_: True)
+
+
+def walking(judge=JUDGE, refitter=None, current=FIRST) -> Walk:
+    return Walk(judge, current, FIRST, CATALOGUE, refitter or SimpleNamespace(completed=lambda fit: fit), lambda _: None)
+
+
+class Making:
+    """Makes the trials it was given, by the names of the effects in them."""
+
+    def __init__(self, **ends) -> None:
+        self.ends, self.order, self.asked = ends, list(CATALOGUE), []
+
+    def each(self, base, asked):
+        for one in asked:
+            names = f"{base.name}, {one.effect.name}"
+            self.asked.append(names)
+            yield one, lambda names=names: self.ends[names.replace(", ", "_and_")]
+
+
+def named_stub(error: float, cost: float, name: str):
+    found = stub(error, cost, name)
+    found.fit.name = name
+    found.fit.problem.values, found.fit.relaxed_values = {}, {}
+    return found
+
+
+ALONE = [
+    (score("sensor_offset_p1", 9e4), named_stub(8000.0, 11_000.0, "sensor_offset_p1")),
+    (score("gravity", 8e3), named_stub(9000.0, 12_000.0, "gravity")),
+    (score("friction_pressure", 2e4), named_stub(5800.0, 40_000.0, "friction_pressure")),
+]
+"""Two that fit the training runs four times as well and predict worse, and one that does a little of both."""
+
+
+def _joined(monkeypatch, ends, tried=ALONE, alone=None):
+    base = stub(7000.0, 43_000.0)
+    seconds = [score("leakage_internal", 9e3), score("valve_offset", 8e3)]
+    monkeypatch.setattr(together, "screen", lambda *_: seconds)
+    monkeypatch.setattr(together, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(together, "read_anew", lambda trial, *_: trial)
+    judge = SimpleNamespace(
+        **vars(JUDGE), judged=lambda trial: trial,
+        trial=lambda made, added: named_stub(*made, added),
+    )
+    refitter = Making(**ends)
+    found = together.joined(base, base, tried, alone, judge, refitter, [], lambda _: None)
+    return found, refitter.asked
+
+
+PAIRS = {
+    "sensor_offset_p1_and_leakage_internal": (450.0, 7_000.0), "sensor_offset_p1_and_valve_offset": (840.0, 7_500.0),
+    "gravity_and_leakage_internal": (220.0, 7_100.0),
+}  # fmt: skip
+
+
+def test_what_only_two_effects_explain_is_found_and_every_first_one_is_tried_with_the_second(monkeypatch):
+    found, asked = _joined(monkeypatch, PAIRS, alone=ALONE[2])
+    assert found is not None and found.names == ["gravity", "leakage_internal"]
+    assert found.trial.error == 220.0
+    # friction_pressure fits no better by half, so it is no foothold
+    assert asked == [
+        "sensor_offset_p1, leakage_internal", "sensor_offset_p1, valve_offset", "gravity, leakage_internal",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("tried", "alone", "ends"),
+    [
+        (ALONE[2:], ALONE[2], PAIRS),  # nothing fits far better
+        (ALONE, (ALONE[2][0], stub(300.0, 20_000.0)), PAIRS),  # one effect predicts nearly as well
+        (ALONE, None, dict.fromkeys(PAIRS, (3600.0, 7000.0))),  # two predict little better than none
+    ],
+)
+def test_two_effects_are_not_taken_for_what_one_or_none_explains(tried, alone, ends, monkeypatch):
+    found, _ = _joined(monkeypatch, ends, tried, alone)
+    assert found is None
+
+
+def test_both_effects_are_named_ranked_and_one_rung(monkeypatch):
+    found, _ = _joined(monkeypatch, PAIRS)
+    at = walking()
+    at.ranking = {name: walk._screened(score(name, 1e3)) for name in CATALOGUE}
+    monkeypatch.setattr(Walk, "rung", lambda _self, trial, accepted: (trial.added, accepted))
+    monkeypatch.setattr(Walk, "_record", lambda own, one, *_, **__: own.ranking.update({one.effect.name: "refitted"}))
+    at._take_both(found, ALONE)
+    assert at.named == ["gravity", "leakage_internal"] and at.current is found.trial
+    assert at.rungs[-1] == ("gravity, leakage_internal", True) and not any(taken for _, taken in at.rungs[:-1])
+    assert {name for name, item in at.ranking.items() if item == "refitted"} == {
+        "gravity", "leakage_internal", "sensor_offset_p1", "friction_pressure",
+    }  # fmt: skip
