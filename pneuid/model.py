@@ -255,7 +255,10 @@ def load(path: str | Path, own: Sequence[Effect] = ()) -> Model:
     _check_numbers(model, str(path))
     missing = wanted - set(model.values)
     if missing:
-        raise UserError(f"{path}: parameters: {', '.join(sorted(missing))} missing for effects {list(model.effects)}")
+        raise UserError(
+            f"{path}: parameters: {', '.join(sorted(missing))} missing for effects {list(model.effects)}; "
+            "identify the model again if an earlier version wrote it"
+        )
     return model
 
 

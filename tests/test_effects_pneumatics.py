@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from operating import SERVO_POINT, at, followed, plant_with
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
+from scipy.optimize import brentq, least_squares
 
 from pneuid.physics.chamber import pressure_rate, temperature_pressure_rate, temperature_relaxation, wall_area
 from pneuid.physics.gas import CV_AIR, GAMMA_AIR, R_AIR, RHO_REFERENCE, T_REFERENCE
@@ -196,6 +196,58 @@ def test_mixing_adds_nothing_where_nothing_flows():
     plain, mixed = at(plant_with(), still), at(plant_with("inlet_mixing"), still, {"mixing": 0.3})
     for number in (2, 3):
         assert float(mixed.explicit[number]) == pytest.approx(float(plain.explicit[number]), abs=1e-6)
+
+
+# --- forms that a power stands for: a leak across the piston, a supply behind an orifice ---
+
+
+def _orifice(p_from: np.ndarray, p_to: np.ndarray, b: float) -> np.ndarray:
+    """Flow of an orifice over its conductance, ISO 6358-1:2013, eq. (1) and (2), of pressures in bar."""
+    beyond = np.maximum(p_to / p_from - b, 0.0) / (1.0 - b)
+    return p_from * np.sqrt(np.maximum(1.0 - beyond**2, 0.0))
+
+
+def _missed(shape, flow: np.ndarray, start: float, low: float, high: float) -> float:
+    """Share of a flow that its best fit by ``scale * shape(m)``, m within bounds, leaves."""
+
+    def left(m: np.ndarray) -> np.ndarray:
+        found = shape(float(m[0]))
+        return flow - found * (flow @ found) / (found @ found)
+
+    found = least_squares(left, [start], bounds=([low], [high]))
+    return float(np.sqrt(np.mean(found.fun**2) / np.mean(flow**2)))
+
+
+@pytest.mark.parametrize(("b", "power", "line"), [(0.15, 0.02, 0.25), (0.25, 0.03, 0.25), (0.5, 0.08, 0.30)])
+def test_a_sharp_edged_leak_is_nearly_a_power_of_the_squared_pressures_and_no_straight_line(b, power, line):
+    """As is a laminar gap of a compressible gas, exactly."""
+    plant, bare = plant_with("leakage_internal"), plant_with()
+    p1, p2 = np.meshgrid(np.linspace(1.5e5, 7.5e5, 9), np.linspace(1.6e5, 7.4e5, 9))
+    p1, p2 = p1.ravel(), p2.ravel()
+
+    def shown(m: float) -> np.ndarray:
+        pairs = [{"p1": a, "p2": c} for a, c in zip(p1, p2, strict=True)]
+        values = {"G_leak": 1e-9, "m_leak": m}
+        return np.array([float(at(bare, pair).mdot1) - float(at(plant, pair, values).mdot1) for pair in pairs])
+
+    own = plant.parameters[plant.parameter_names.index("m_leak")]
+    sign, high, low = np.sign(p1 - p2), np.maximum(p1, p2) / 1e5, np.minimum(p1, p2) / 1e5
+    edge = sign * _orifice(high, low, b)
+    assert _missed(shown, edge, own.start, own.lower, own.upper) < power
+    assert _missed(lambda _: p1 - p2, edge, own.start, own.lower, own.upper) > line
+    assert _missed(shown, p1**2 - p2**2, own.start, own.lower, own.upper) < 0.01
+
+
+@pytest.mark.parametrize("ratio", [0.25, 0.5, 0.9])
+def test_the_drop_of_a_supply_behind_an_orifice_is_nearly_a_power_of_the_flow_and_no_straight_line(ratio):
+    """Steady flows up to a ``ratio`` of the orifice's choked flow; the exponent's bounds are the catalogue's."""
+    flow = np.linspace(0.02, ratio, 60)
+    drop = np.array([brentq(lambda d, q=q: float(_orifice(np.array(1.0), np.array(1.0 - d), 0.3)) - q, 0.0, 0.7) for q in flow])
+    plant = plant_with("supply_droop")
+    own = plant.parameters[plant.parameter_names.index("m_supply")]
+    by_power = _missed(lambda m: flow**m, drop, own.start, own.lower, own.upper)
+    by_line = _missed(lambda _: flow, drop, own.start, own.lower, own.upper)
+    assert by_power < 0.07 and by_line > 0.2
 
 
 # --- exhaust, null leakage, critical ratio ---
