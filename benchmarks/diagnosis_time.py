@@ -26,15 +26,15 @@ from pneuid.virtual_rig import ATMOSPHERE, record_servo, write_csv
 def written(case: Case, folder: Path) -> list[str]:
     """Writes the case's rig file and recordings; names of the recordings."""
     drawn, top = servo_rig(case)
-    supplies = {f"run_{i + 1}.csv": share * top for i, (_, share) in enumerate(PLAN)}
+    supplies = {f"run_{i + 1}.csv": run.supply * top for i, run in enumerate(PLAN)}
     (folder / "rig.toml").write_text(drawn.rig_toml(supplies))
     hidden = hidden_of(case, drawn.truth.bore)
-    for i, ((excitation, _), (name, supply)) in enumerate(zip(PLAN, supplies.items(), strict=True)):
-        run = record_servo(
-            drawn.truth, hidden, excitation, 6.0, case.seed * 100 + i, supply=supply + ATMOSPHERE, rate=drawn.rate,
+    for i, (run, (name, supply)) in enumerate(zip(PLAN, supplies.items(), strict=True)):
+        record = record_servo(
+            drawn.truth, hidden, run.excitation, 6.0, case.seed * 100 + i, supply=supply + ATMOSPHERE, rate=drawn.rate,
             sensors=drawn.sensors,
         )  # fmt: skip
-        write_csv(folder / name, run)
+        write_csv(folder / name, record)
     return list(supplies)
 
 

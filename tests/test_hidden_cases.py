@@ -1,4 +1,4 @@
-"""The counts of the hidden-effects benchmark: rows of one kind are counted together, whatever was drawn beside them."""
+"""The hidden-effects benchmark: rows of one kind are counted together, and its cases can be timed by the commands."""
 
 from __future__ import annotations
 
@@ -7,8 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from pneuid.recording import Recording
+from pneuid.rig import Rig
+
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 hidden_counts = pytest.importorskip("hidden_counts", reason="the benchmarks are not beside the tests")
+diagnosis_time = pytest.importorskip("diagnosis_time", reason="the benchmarks are not beside the tests")
 
 
 def row(category, names, verdict, effects, rig="random", unknown=None, explained=0.95):
@@ -39,3 +43,11 @@ def test_outside_the_catalogue_the_verdict_or_the_function_counts(verdict, equat
     marked = hidden_counts.marks(row("outside", ["cogging"], verdict, ["load_mass"], unknown=said))
     assert marked["either"] is either
     assert marked["unknown"] is (verdict == "unknown")
+
+
+def test_a_case_can_be_written_for_the_commands_that_are_timed(tmp_path):
+    case = diagnosis_time.Case("servo", "default", ("gravity",), "weak", 5)
+    runs = diagnosis_time.written(case, tmp_path)
+    assert len(runs) == 5 and len(set(runs)) == 5
+    recording = Recording.read(tmp_path / runs[0], Rig.from_toml(tmp_path / "rig.toml"))
+    assert recording.n >= 6000 and {"u", "x", "p1", "p2"} <= set(recording.recorded)
