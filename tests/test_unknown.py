@@ -196,6 +196,19 @@ def test_what_explains_the_larger_part_beside_an_effect_makes_it_unknown(effect,
     assert found.unknown is not None and found.unknown.effect is not None
 
 
+@pytest.mark.parametrize(("beyond", "verdict"), [(0.14, "unknown"), (0.3, "effect")])
+def test_what_explains_nearly_all_beside_an_effect_may_reach_a_little_beyond_the_training_runs(beyond, verdict, monkeypatch):
+    """A relief valve opens most where the pressure is highest: 98 % of what is left, 14 % of the samples beyond."""
+    base, (_, held), named = magnet()[0], magnet_runs(), searched()
+    best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE["friction_position"]]))
+    nothing, rest = replace(named, before=100.0, after=90.0), replace(named, before=41.0, after=1.8, beyond=beyond)
+    monkeypatch.setattr("pneuid.criticism.unknown.search", lambda fit, *_: rest if fit is best else nothing)
+    rungs = [Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6) for effects, error in (((), 10.0), (("one",), 6.4))]
+    diagnosis = Diagnosis("effect", ("friction_position",), (), Unknown("force", ("x",), 1.0, "N"))
+    found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
+    assert (found.verdict, found.effects) == (verdict, ("friction_position",))
+
+
 @pytest.mark.parametrize(("alone", "named"), [(0.87, True), (0.75, False)])
 def test_a_form_that_explains_more_than_an_effect_in_its_place_is_shown(alone, named, monkeypatch):
     """An offset of a sensor whose gain drifts explains 78 %; beside it no function helps."""
