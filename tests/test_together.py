@@ -5,21 +5,13 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import pytest
-from trials import FIRST, JUDGE, score, stub
+from trials import JUDGE, score, stub, walking
 
-from pneuid.criticism import all_runs, rounds, together, walk
+from pneuid.criticism import together, walk
 from pneuid.criticism.walk import Walk
 from pneuid.effects import CATALOGUE
 
-
-@pytest.fixture(autouse=True)
-def _amplitudes_are_inside(monkeypatch):
-    monkeypatch.setattr(rounds, "inside_bounds", lambda *_: True)
-    monkeypatch.setattr(all_runs, "inside_bounds", lambda *_: True)
-
-
-def walking(judge=JUDGE, refitter=None, current=FIRST) -> Walk:
-    return Walk(judge, current, FIRST, CATALOGUE, refitter or SimpleNamespace(completed=lambda fit: fit), lambda _: None)
+pytestmark = pytest.mark.usefixtures("amplitudes_inside")
 
 
 class Making:

@@ -6,9 +6,9 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from trials import FIRST, JUDGE, score, stub
+from trials import FIRST, JUDGE, score, stub, walking
 
-from pneuid.criticism import all_runs, decision, rounds, walk
+from pneuid.criticism import decision, walk
 from pneuid.criticism.decision import _verdict
 from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.criticism.rivals import better_without
@@ -17,15 +17,7 @@ from pneuid.criticism.walk import Walk
 from pneuid.effects import CATALOGUE, LAW_STEPS
 from pneuid.report.summary import verdict_lines
 
-
-@pytest.fixture(autouse=True)
-def _amplitudes_are_inside(monkeypatch):
-    monkeypatch.setattr(rounds, "inside_bounds", lambda *_: True)
-    monkeypatch.setattr(all_runs, "inside_bounds", lambda *_: True)
-
-
-def walking(judge=JUDGE, refitter=None, current=FIRST) -> Walk:
-    return Walk(judge, current, FIRST, CATALOGUE, refitter or SimpleNamespace(completed=lambda fit: fit), lambda _: None)
+pytestmark = pytest.mark.usefixtures("amplitudes_inside")
 
 
 def rivals(chosen, tried) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Trial
+from pneuid.criticism.walk import Walk
 from pneuid.effects import CATALOGUE
 
 JUDGE = SimpleNamespace(
@@ -26,3 +27,8 @@ def score(name: str, drop: float, group: tuple[str, ...] = ()) -> Score:
 
 
 FIRST = stub(145.0, 43_000.0)
+
+
+def walking(judge=JUDGE, refitter=None, current=FIRST) -> Walk:
+    """A walk from ``current``, by whose refitter no fit leads to an exact one."""
+    return Walk(judge, current, FIRST, CATALOGUE, refitter or SimpleNamespace(completed=lambda fit: fit), lambda _: None)
