@@ -275,7 +275,8 @@ def solve(case: Case) -> dict[str, Any]:
             {"equation": diagnosis.unknown.equation, "depends_on": list(diagnosis.unknown.depends_on)},
         "error_before": errors[0], "error_after": errors[-1],
         "explained": (errors[0] ** 2 - errors[-1] ** 2) / max(errors[0] ** 2 - 1.0, 1e-9),
-        "screen": {item.effect: item.screen_gain for item in diagnosis.ranking[:4]}, "seconds": time.monotonic() - began,
+        "screen": {item.effect: item.screen_gain for item in diagnosis.ranking[:4]}, "said": list(diagnosis.sentences),
+        "seconds": time.monotonic() - began,
     }  # fmt: skip
 
 
