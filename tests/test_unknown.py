@@ -252,6 +252,23 @@ def test_what_the_training_runs_show_far_more_than_the_effect_named_is_missing_t
     assert any("outside its range" in words for words in found.sentences) is (verdict == "unknown")
 
 
+@pytest.mark.parametrize("together", [False, True])
+@pytest.mark.parametrize("gain", [14.0, 16.0])
+def test_what_the_runs_fitted_to_show_most_is_said_where_no_effect_is_named(gain, together, monkeypatch):
+    """Teeth over x, where the held-out runs reach beyond the training runs: a bench's runs together show them."""
+    base, (_, held), named = magnet()[0], magnet_runs(), searched()
+    lost = replace(named, before=3.7, after=10.0, gain=gain, beyond=0.14)
+    every = replace(base) if together else None
+    beside = replace(lost, gain=0.0)
+    monkeypatch.setattr("pneuid.criticism.unknown.search", lambda fit, *_: lost if fit is (every or base) else beside)
+    diagnosis = Diagnosis("unknown", (), (), Unknown("force", (), 1.0, "N"))
+    rungs = [Rung((), None, True, {}, {"F": 1.9}, {"F": 1.0}, 6)]
+    found = explained(Verdict(diagnosis, base, base, rungs, every), [held]).diagnosis
+    assert found.verdict == "unknown" and found.unknown is not None and found.unknown.effect is None
+    assert found.unknown.depends_on == (("x",) if gain > 15.0 else ())
+    assert len([words for words in found.sentences if "show spline:force(x" in words and "14 %" in words]) == (gain > 15.0)
+
+
 class _Probes:
     """A search's probes with scripted predictions and costs: a leak of both chambers, of which one half leads."""
 

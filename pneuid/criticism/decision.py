@@ -63,12 +63,13 @@ SHOWN = (
 @dataclass
 class Verdict:
     """What ``diagnose`` returns: the diagnosis, the model it ends with, the base that it was measured against, and the rungs
-    climbed or rejected."""
+    climbed or rejected; ``lacking`` is the model fitted to all runs where nothing was named although these show something."""
 
     diagnosis: Diagnosis
     best: Fit
     base: Fit
     rungs: list[Rung] = field(default_factory=list)
+    lacking: Fit | None = None
 
 
 def diagnose(
@@ -96,7 +97,8 @@ def diagnose(
     found = _verdict(walk, slow is not None)
     beyond = [] if found.verdict == "adequate" else uncovered(base, judge.held)
     found = replace(found, sentences=(*found.sentences, *walk.moved, *beyond), by_all_runs=walk.pooled)
-    return Verdict(found, walk.current.fit, walk.first.fit, walk.rungs)
+    lacking = None if walk.lacking is None else walk.lacking.fit
+    return Verdict(found, walk.current.fit, walk.first.fit, walk.rungs, lacking)
 
 
 def _verdict(walk: Walk, slow: bool = False) -> Diagnosis:

@@ -18,6 +18,7 @@ from pneuid.criticism.distil import Distilled, distilled
 from pneuid.criticism.frozen import Frozen
 from pneuid.criticism.prediction import predict, rmse
 from pneuid.criticism.probes import Joint, Probing, weights
+from pneuid.criticism.rounds import LEAST_DROP
 from pneuid.criticism.uncovered import MUCH as UNCOVERED
 from pneuid.criticism.uncovered import outside
 from pneuid.effects._spline import KNOTS, Term, curve_columns, spline
@@ -83,6 +84,7 @@ UNSEEN = (
     "most of all the training runs show {}: it takes {:.1f} % of what they leave, the named effects take {:.1f} %; the "
     "held-out runs do not bear it out"
 )
+ALONE = "most of all the {} show {}: it takes {:.1f} % of what they leave; the held-out runs alone do not bear it out"
 BEYOND = ", and {:.0f} % of their samples lie outside its range in the training runs: train on runs that cover it"
 
 IN_PLACE = "beside {0} nothing explains the rest; more than {0} does, in its place, a form that the catalogue lacks"
@@ -253,7 +255,10 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
         sentences = (*diagnosis.sentences, IN_PLACE.format(", ".join(diagnosis.effects)), *_said(alone))
         return replace(verdict, diagnosis=replace(diagnosis, unknown=_unknown(alone), sentences=sentences))
     if not rest.explains:
-        return _seen_in_training(verdict, rest) if diagnosis.effects and much else verdict
+        if not diagnosis.effects:
+            together = verdict.lacking
+            return _shown_alone(verdict, rest if together is None else search(together, hold_out, floor, say))
+        return _seen_in_training(verdict, rest) if much else verdict
     found = replace(diagnosis, unknown=_unknown(rest), sentences=(*diagnosis.sentences, *_said(rest)))
     if diagnosis.effects and much and _other(rest, theirs) and rest.beyond < STRANGE and rest.explained > NEARLY_ALL:
         found = replace(found, verdict="unknown")
@@ -267,6 +272,21 @@ def _seen_in_training(verdict: Verdict, rest: Found) -> Verdict:
     if rest.gain < max(SEEN * standing, TIMES * (without - with_them)):
         return verdict
     words = UNSEEN.format(term.name, 100 * rest.gain / standing, 100 * (without - with_them) / without)
+    return _by_training(verdict, rest, words)
+
+
+def _shown_alone(verdict: Verdict, rest: Found) -> Verdict:
+    """The verdict ``unknown`` that names no effect, with what the runs fitted to show most where that is more than chance."""
+    if rest.gain < LEAST_DROP:
+        return verdict
+    runs, fitted = ("training runs", verdict.best) if verdict.lacking is None else ("runs together", verdict.lacking)
+    words = ALONE.format(runs, rest.joint.terms[0].name, 100 * rest.gain / fitted.relaxed_cost)
+    return _by_training(verdict, rest, words)
+
+
+def _by_training(verdict: Verdict, rest: Found, words: str) -> Verdict:
+    """The verdict ``unknown`` for a ``rest`` that the training runs show and the held-out runs do not bear out."""
+    term = rest.joint.terms[0]
     words += BEYOND.format(100 * rest.beyond) if rest.beyond > UNCOVERED else ""
     unknown = Unknown(term.equation, term.depends_on, rest.rms, term.unit)
     sentences = (*verdict.diagnosis.sentences, words)
