@@ -36,11 +36,9 @@ def jumps(hidden: str = "") -> dict[str, Jump]:
     return jumped(base_fit(hidden), scores(hidden), sizes(), list(CATALOGUE))
 
 
-def test_play_promises_at_a_step_what_it_does_not_at_zero():
+def test_play_promises_at_a_step_twice_what_it_does_at_zero():
     linear = {score.effect.name: score.drop for score in scores("backlash")}
-    assert linear["backlash"] < LEAST_DROP
-    assert max(linear, key=lambda name: linear[name]) != "backlash"
-    assert jumps("backlash")["backlash"].drop > max(LEAST_DROP, 3.0 * linear["backlash"])
+    assert jumps("backlash")["backlash"].drop > max(LEAST_DROP, 2.0 * linear["backlash"])
     assert max(jumps("backlash").values(), key=lambda jump: jump.drop) is jumps("backlash")["backlash"]
 
 
