@@ -281,7 +281,8 @@ def test_an_exhaust_edge_that_stays_choked_does_not_feel_the_silencer(u):
 
 
 def test_null_leakage_feeds_and_vents_both_chambers_at_null_and_fades_with_the_opening():
-    plant, bare, values = plant_with("valve_null_leakage"), plant_with(), {"null_leak": 0.01, "null_width": 0.05}
+    plant, bare = plant_with("valve_null_leakage"), plant_with()
+    values = {"null_leak": 0.01, "null_width": 0.05, "null_cover": 0.1}
     vented, charged = {"p1": 1.02e5, "p2": 6.9e5}, {"p1": 6.9e5, "p2": 1.02e5}
     for point, sign in ((vented, 1.0), (charged, -1.0)):
         stages = at(plant, point, values)
@@ -294,7 +295,8 @@ def test_null_leakage_feeds_and_vents_both_chambers_at_null_and_fades_with_the_o
     for s in (0.05, 0.5):
         edges, plain = at(plant, {"u": 10 * s}, values).edges, at(bare, {"u": 10 * s}).edges
         extra = [getattr(edges, n) - getattr(plain, n) for n in ("supply_1", "supply_2", "exhaust_1", "exhaust_2")]
-        np.testing.assert_allclose([float(item) for item in extra], 0.01 / (1 + (s / 0.05) ** 2), rtol=1e-3)
+        open_edge, covered = (0.01 / (1 + (s / width) ** 2) for width in (0.05, 0.1))
+        np.testing.assert_allclose([float(item) for item in extra], [open_edge, covered, covered, open_edge], rtol=1e-3)
 
 
 @given(st.floats(0.05, 0.7), st.floats(1.1e5, 6.9e5), st.floats(1.1e5, 6.9e5), st.floats(-10.0, 10.0))

@@ -11,7 +11,12 @@ _SOURCE = "Eryilmaz, Wilson, J. Franklin Institute 343 (2006) 48 (leakage of a s
 
 
 class ValveNullLeakage(Effect):
-    """All four edges open by ``l / (1 + (s/w)^2)`` more, ``s`` the signed opening."""
+    """Each edge opens by ``l / (1 + (o/w)^2)`` more, ``o`` its opening, and while it is covered by ``l / (1 + (c/k)^2)``.
+
+    ``c`` is how far the spool covers it, the opening of the other side. The clearance of an open edge, ``sqrt(o^2 + l^2)``
+    beside ``o``, is soon lost in the opening itself; the gap under a land that covers its port only becomes longer, so ``k``
+    exceeds ``w``.
+    """
 
     name = "valve_null_leakage"
     mechanism = "the clearance of the spool lets air pass all four edges while it is near null"
@@ -22,14 +27,18 @@ class ValveNullLeakage(Effect):
     rigs = ("servo",)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Opening at null, half a percent to a few percent, and the opening at which half of it is left."""
+        """Opening at null, half a percent to a few percent, and the opening and the cover at which half of it is left."""
         return (
             Parameter("null_leak", "l_n", "1", 0.0, 0.3, 0.0, 5e-3, _SOURCE, off=0.0),
             Parameter("null_width", "w_n", "1", 5e-3, 1.0, 0.05, 1.0, _SOURCE, positive=True, prior=1.0),
+            Parameter("null_cover", "k_n", "1", 5e-3, 1.0, 0.05, 1.0, _SOURCE, positive=True, prior=1.0),
         )
 
     def edges(self, edges: Edges, scope: Scope) -> Edges:
         """Open every edge a little."""
-        ratio = (scope.opening_1 - scope.opening_2) / scope.p.null_width
-        leak = scope.p.null_leak / (1.0 + ratio * ratio)
-        return Edges(edges.supply_1 + leak, edges.supply_2 + leak, edges.exhaust_1 + leak, edges.exhaust_2 + leak)
+        p, opened = scope.p, (scope.opening_1, scope.opening_2)
+        one, two = (
+            p.null_leak / ((1.0 + (own / p.null_width) ** 2) * (1.0 + (other / p.null_cover) ** 2))
+            for own, other in (opened, opened[::-1])
+        )
+        return Edges(edges.supply_1 + one, edges.supply_2 + two, edges.exhaust_1 + two, edges.exhaust_2 + one)
