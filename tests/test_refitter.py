@@ -59,6 +59,7 @@ def _forbidden(*_: object) -> Fit:
 
 OTHERWISE = {
     "effect": CATALOGUE["gravity"], "start": {"G_leak": 2e-10}, "gain": 0.2, "thorough": True, "way": 1.0, "anew": True,
+    "cold": True,
 }  # fmt: skip
 """Another value of everything that can be asked."""
 

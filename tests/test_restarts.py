@@ -10,7 +10,7 @@ from helpers import rig
 from trials import FIRST, score, stub
 
 from pneuid.criticism import refits, restarts
-from pneuid.criticism.refits import Standing
+from pneuid.criticism.refits import Asked, Standing
 from pneuid.criticism.screening import Score
 from pneuid.effects import CATALOGUE, effects_by_name
 from pneuid.plant import Plant
@@ -62,15 +62,29 @@ def test_an_amplitude_of_a_second_look_is_at_least_typical():
     assert started == {"b_play": pytest.approx(3e-4)}
 
 
+@pytest.mark.parametrize(("per_sample", "taken"), [(1.1, True), (1.3, False)])
+def test_what_follows_whole_runs_to_their_noise_is_kept_whatever_single_windows_say(per_sample, taken):
+    """Windows of the training runs in which the piston may break away, or not, outweigh all others."""
+    relaxed = replace(stub(20.0, 27_000.0, "mounting_compliance"), train={"x": 30.0})
+    exact = replace(stub(1.1, 27_000.0, "mounting_compliance"), train={"x": 40.0})
+    exact.fit.exact, exact.fit.cost_per_sample = "an exact fit", per_sample
+    judge = SimpleNamespace(small=0.15, trial=lambda *_: exact, fits=lambda trial: trial.train["x"])
+    refitter = SimpleNamespace(completed=lambda _: exact.fit)
+    assert restarts.followed(relaxed, FIRST, judge, refitter, lambda _: None) is (exact if taken else relaxed)
+
+
 class _Starts:
-    """Refits that end as scripted, by the size of the lag and whether break-away starts anew; keeps what was asked for."""
+    """Refits that end as scripted, by the size of the lag and whether the data's guess starts them; keeps what was asked for.
+
+    An end is the squared error on the training runs, and the cost where it is another one than usual.
+    """
 
     def __init__(self, ends):
         self.ends, self.asked = ends, []
 
     def each(self, _, asked):
         self.asked += asked
-        return [(one, lambda one=one: self.ends[round(one.start["tau_L"], 3), one.anew]) for one in asked]
+        return [(one, lambda one=one: self.ends[round(one.start["tau_L"], 3), one.cold]) for one in asked]
 
     def afresh(self, fit):
         return fit
@@ -82,18 +96,21 @@ class _Starts:
 NEXT_TO_NOTHING = 1.0 + 0.04 * (FIRST.whole - 1.0)
 
 ENDS = {(0.02, False): 90.0, (0.02, True): 70.0, (0.08, False): 40.0, (0.08, True): 500.0}
-"""Squared error on the training runs where lags of 4 and 16 scales lead."""
+"""Squared error on the training runs where lags of 4 and 16 scales lead, from what stood before and from the data alone."""
 
 
-def _settled(monkeypatch, name="friction_lag", servo=True, left=90.0, training=80.0):
+def _settled(monkeypatch, name="friction_lag", servo=True, left=90.0, training=80.0, cheap=27_000.0):
+    """``cheap`` is what the end costs that predicts the training runs worst: its break-away read anew mends that."""
     plant = SimpleNamespace(servo=servo, rig=SimpleNamespace(mass=1.0, A1=8e-4, A2=7e-4, patm=1e5), law=None)
     current = replace(FIRST, fit=SimpleNamespace(plant=plant))
     trial = replace(stub(left, 27_000.0, name), train={"x": training})
-    judge = SimpleNamespace(
-        small=0.15, fits=lambda one: one.train["x"],
-        trial=lambda made, name: replace(stub(made, 27_000.0, name), train={"x": made}),
-    )  # fmt: skip
-    monkeypatch.setattr(restarts, "read_anew", lambda one, *_: one)
+
+    def ended(made, name):
+        return replace(stub(made, cheap if made == 500.0 else 27_000.0, name), train={"x": made})
+
+    judge = SimpleNamespace(small=0.15, fits=lambda one: one.train["x"], trial=ended)
+    mended = lambda one, *_: replace(one, train={"x": 10.0}) if one.train["x"] == 500.0 else one  # noqa: E731
+    monkeypatch.setattr(restarts, "read_anew", mended)
     refitter = _Starts(ENDS)
     return refitter, restarts.settled(score(name, 5.0), trial, current, judge, refitter, lambda _: None)
 
@@ -101,7 +118,14 @@ def _settled(monkeypatch, name="friction_lag", servo=True, left=90.0, training=8
 @pytest.mark.parametrize(("training", "kept"), [(80.0, 40.0), (30.0, 30.0)])
 def test_a_state_of_its_own_starts_from_several_sizes_and_the_best_on_the_training_runs_is_kept(training, kept, monkeypatch):
     refitter, found = _settled(monkeypatch, training=training)
-    assert [(round(one.start["tau_L"], 3), one.anew, one.way) for one in refitter.asked] == [(*key, 1.0) for key in ENDS]
+    assert [(round(one.start["tau_L"], 3), one.cold, one.way) for one in refitter.asked] == [(*key, 1.0) for key in ENDS]
+    assert all(one.anew is not one.cold for one in refitter.asked)
+    assert found.train["x"] == kept
+
+
+@pytest.mark.parametrize(("cheap", "kept"), [(26_500.0, 10.0), (26_900.0, 40.0)])
+def test_a_clearly_cheaper_end_is_followed_though_it_predicts_worse(cheap, kept, monkeypatch):
+    _, found = _settled(monkeypatch, cheap=cheap)
     assert found.train["x"] == kept
 
 
@@ -114,6 +138,14 @@ def test_an_effect_without_a_state_a_bench_and_one_that_leaves_next_to_nothing_a
 ):
     refitter, found = _settled(monkeypatch, name, servo, left)
     assert not refitter.asked and found.error == left
+
+
+def test_a_cold_refit_takes_the_effects_values_alone_from_what_it_is_given(monkeypatch):
+    base = Plant(rig(), "lugre", effects_by_name(["gravity"]))
+    standing = Standing(base, (), dict.fromkeys(base.parameter_names, 2.0), {}, {}, 1.0)
+    monkeypatch.setattr(refits, "fit", lambda _plant, _runs, start, *_, **__: start)
+    asked = Asked(CATALOGUE["friction_lag"], {"tau_L": 0.02}, cold=True)
+    assert refits.refit(standing, asked, list(CATALOGUE)) == {"F_g": 2.0, "tau_L": 0.02}
 
 
 def test_from_the_laws_of_sliding_friction_alone_starts_anew(monkeypatch):

@@ -38,6 +38,25 @@ def test_what_reading_break_away_anew_makes_worse_is_the_best_no_longer(read_ane
     assert after[0][1] is ends["load_mass"], "what was tried is told as it ended"
 
 
+@pytest.mark.parametrize(("per_sample", "looked_at"), [(1.05, ["backlash"]), (1.4, ["backlash", "load_mass"])])
+def test_where_the_chosen_effect_follows_whole_runs_nothing_alike_starts_again(per_sample, looked_at, monkeypatch):
+    tried = [(score(name, 900.0), stub(error, 25_000.0, name)) for name, error in (("load_mass", 80.0), ("backlash", 60.0))]
+    seen = []
+
+    def ended(_, trial, *__):
+        seen.append(trial.added)
+        end = stub(trial.error, 25_000.0, trial.added)
+        end.fit.exact, end.fit.cost_per_sample = "an exact fit", per_sample
+        return end
+
+    monkeypatch.setattr(walk, "refitted", lambda *_: tried)
+    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
+    monkeypatch.setattr(walk, "settled", ended)
+    chosen = walking()._round([], 15.0)[1]
+    assert chosen is not None and chosen[0].effect.name == "backlash" and seen == looked_at
+
+
 def test_an_effect_that_does_not_bear_reading_break_away_anew_is_not_accepted(monkeypatch):
     tried = [(score("backlash", 900.0), stub(120.0, 42_900.0, "backlash"))]
     monkeypatch.setattr(walk, "refitted", lambda *_: tried)

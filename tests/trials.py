@@ -18,7 +18,7 @@ JUDGE = SimpleNamespace(
 def stub(error: float, cost: float, added: str | None = None, relaxation: float = 0.1, weighted: int = 20_000) -> Trial:
     """A trial with the held-out error (squared floors) and cost of the training runs that matter here."""
     problem = SimpleNamespace(relaxation=relaxation, weighted=weighted)
-    fit = SimpleNamespace(relaxed_cost=cost, loose_cost=cost, problem=problem, lacking=False, exact=None)
+    fit = SimpleNamespace(relaxed_cost=cost, loose_cost=cost, problem=problem, lacking=False, exact=None, cost_per_sample=1.5)
     return Trial(fit, error, error, {}, {}, {}, added)  # type: ignore[arg-type]
 
 

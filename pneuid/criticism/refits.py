@@ -45,7 +45,7 @@ class Asked:
     """An effect to add: start values (SI) and relative drop of the cost as screened; ``thorough``: a cold start too.
 
     way : share of the way from off to ``start`` from which the warm refit begins; anew : with break-away from the data's guess,
-    for what the base model's break-away excuses now.
+    for what the base model's break-away excuses now; cold : from the data's own guess alone.
     """
 
     effect: Effect
@@ -54,6 +54,7 @@ class Asked:
     thorough: bool = True
     way: float = 0.5
     anew: bool = False
+    cold: bool = False
 
 
 def refit(base: Standing, asked: Asked, order: Sequence[str], monitor: Monitor | None = None) -> Fit:
@@ -72,13 +73,15 @@ def refit(base: Standing, asked: Asked, order: Sequence[str], monitor: Monitor |
     recordings = [run.recording for run in base.runs]
     if plant.law is not base.plant.law:
         return fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs)
+    effect_values = {name: value for name, value in values.items() if plant.owner[name] is not None}
+    if asked.cold:
+        return fit(plant, recordings, effect_values, base.noise, monitor, exact=False, prepared=base.runs)
     warm = _warm(base, plant, values | part, monitor)
     predicted = base.loose_cost * (1.0 - asked.gain)
     enough = warm.loose_cost < base.loose_cost * (1.0 - ENOUGH * asked.gain) and warm.loose_cost < OVER * predicted
     twice = (asked.thorough and not enough) if plant.servo else (asked.thorough or not enough)
     if not twice:
         return warm
-    effect_values = {name: value for name, value in values.items() if plant.owner[name] is not None}
     cold = fit(plant, recordings, effect_values, base.noise, monitor, exact=False, prepared=base.runs)
     misfits = comparable_costs(warm, cold) if plant.servo else [_force_error(end) for end in (warm, cold)]
     return cold if misfits[1] < misfits[0] else warm

@@ -40,6 +40,7 @@ class _Task:
     thorough: bool
     way: float
     anew: bool
+    cold: bool
     order: tuple[str, ...]
     effect_files: tuple[str, ...]
 
@@ -51,7 +52,7 @@ def _made(task: _Task) -> dict[str, Any]:
     plant = Plant(task.rig, task.law, effects_by_name(task.present, own))
     base = Standing(plant, task.runs, task.values, task.nodes, task.noise, task.loose_cost)
     effect = LAW_STEPS[task.effect] if task.effect in LAW_STEPS else effects_by_name([task.effect], own)[0]
-    asked = Asked(effect, task.start, task.gain, task.thorough, task.way, task.anew)
+    asked = Asked(effect, task.start, task.gain, task.thorough, task.way, task.anew, task.cold)
     return Solution.of(refit(base, asked, task.order)).to_dict()
 
 
@@ -132,7 +133,7 @@ class Refitter:
         return _Task(
             base.plant.rig, base.plant.law.name, present, base.runs, dict(base.values), dict(base.nodes), dict(base.noise),
             base.loose_cost, asked.effect.name, dict(asked.start), asked.gain, asked.thorough, asked.way, asked.anew,
-            tuple(self.order), tuple(map(str, self.effect_files)),
+            asked.cold, tuple(self.order), tuple(map(str, self.effect_files)),
         )  # fmt: skip
 
     def _key(self, base: Standing, asked: Asked) -> str:
@@ -143,6 +144,6 @@ class Refitter:
         effects = tuple((effect.name, repr(effect.origin)) for effect in (*plant.effects, asked.effect))
         return key_of(
             version("pneuid"), repr(plant.rig.raw), plant.law.name, effects, runs, sorted(base.values.items()), nodes,
-            sorted(base.noise.items()), asked.start, asked.gain, asked.thorough, asked.way, asked.anew,
+            sorted(base.noise.items()), asked.start, asked.gain, asked.thorough, asked.way, asked.anew, asked.cold,
             tuple(self.order),
         )  # fmt: skip

@@ -10,6 +10,8 @@ from pneuid.criticism.refits import Asked
 from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
+from pneuid.estimation.fit import comparable_costs
+from pneuid.estimation.stages import MISFIT
 
 TYPICAL = 3.0
 """Amplitude, in units of its scale, from which an effect is refitted that shows little of itself at zero."""
@@ -21,11 +23,14 @@ SIZES = (4.0, 16.0)
 NEXT_TO_NOTHING = 0.05
 """Share of the excess of the standing model, below which what an effect leaves is no sign of a wrong optimum."""
 
+CHEAPER = 0.01
+"""Relative difference of relaxed costs from which a cheaper end of one model is looked at that predicts worse."""
+
 Say = Callable[[str], None]
 
 
 def followed(trial: Trial, current: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
-    """The trial, or its exact fit, where it leaves more than next to nothing and that predicts the training runs better."""
+    """The trial, or its exact fit, where it leaves more than next to nothing and that is the better one."""
     if trial.fit.exact is not None or _next_to_nothing(trial, current, judge):
         return trial
     fit = refitter.completed(trial.fit)
@@ -33,27 +38,51 @@ def followed(trial: Trial, current: Trial, judge: Judge, refitter: Refitter, say
         return trial
     exact = judge.trial(fit, trial.added)
     say(f"{trial.added}: held-out error {np.sqrt(trial.whole):.2f} -> {np.sqrt(exact.whole):.2f} floors by its exact fit")
-    return min(trial, exact, key=judge.fits)
+    return _best([trial, exact], judge)
 
 
 def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
     """The trial of adding the effect of ``score`` to the model of ``current``, or one of the same model from another start.
 
-    Break-away is read anew from the data. On a servo rig an effect with a state of its own starts from several sizes as well.
-    The relaxed cost does not tell these ends apart (loose defects absorb a wrong optimum), predictions of whole stretches of
-    the training runs do.
+    Break-away is read anew from the data. On a servo rig an effect with a state of its own starts from several sizes as well,
+    from what stood before and from the data alone.
     """
     best = followed(read_anew(trial, judge, refitter, say), current, judge, refitter, say)
     sizes = large_starts(current, score, SIZES)
     if not sizes or _next_to_nothing(best, current, judge):
         return best
     say(f"{trial.added}: from other sizes")
-    asked = [Asked(score.effect, start, score.gain, False, 1.0, anew) for start in sizes for anew in (False, True)]
+    asked = [Asked(score.effect, start, score.gain, False, 1.0, not cold, cold) for start in sizes for cold in (False, True)]
     ends = [judge.trial(make(), trial.added) for _, make in refitter.each(current.fit, asked)]
-    end = min(ends, key=judge.fits)
-    if judge.fits(best) <= judge.fits(end):
-        return best
-    return followed(read_anew(end, judge, refitter, say), current, judge, refitter, say)
+    for end in _worth_following(best, ends, judge):
+        best = _best([best, followed(read_anew(end, judge, refitter, say), current, judge, refitter, say)], judge)
+    return best
+
+
+def _worth_following(best: Trial, ends: Sequence[Trial], judge: Judge) -> list[Trial]:
+    """Of some ``ends`` of one model the one that predicts the training runs best, and the one that costs least, where they beat
+    the ``best`` so far: a wrong break-away spoils the predictions of what the cost shows to be near."""
+    closest = min(ends, key=judge.fits)
+    costs = dict(zip(map(id, (best, *ends)), comparable_costs(best.fit, *(end.fit for end in ends)), strict=True))
+    cheapest = min(ends, key=lambda end: costs[id(end)])
+    found = [closest] if judge.fits(closest) < judge.fits(best) else []
+    if cheapest is not closest and costs[id(cheapest)] < (1.0 - CHEAPER) * costs[id(best)]:
+        found.append(cheapest)
+    return found
+
+
+def _best(ends: Sequence[Trial], judge: Judge) -> Trial:
+    """The end that follows whole training runs to their noise, or else the one that predicts them best.
+
+    The relaxed cost does not tell a wrong optimum from the right one (loose defects absorb what is wrong there); predictions of
+    whole stretches of the training runs do, but for windows in which a piston may break away, or not.
+    """
+    return min(ends, key=lambda end: (not follows(end), judge.fits(end)))
+
+
+def follows(trial: Trial) -> bool:
+    """Whether simulations of whole training runs leave little more than the sensors' noise."""
+    return trial.fit.exact is not None and trial.fit.cost_per_sample < MISFIT
 
 
 def _next_to_nothing(trial: Trial, current: Trial, judge: Judge) -> bool:

@@ -13,7 +13,7 @@ from pneuid.criticism.defects import equation_defects
 from pneuid.criticism.diagnosis import Candidate
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.restarts import followed, settled
+from pneuid.criticism.restarts import followed, follows, settled
 from pneuid.criticism.rivals import alike, alike_in_training, better_without, contains
 from pneuid.criticism.rounds import (
     LEAST_DROP,
@@ -254,13 +254,16 @@ class Walk:
                 chosen = self._best(tried)
             if chosen is None or chosen[0].effect.name in known:
                 return tried, chosen
-            # what fits the training runs better may predict worse; then another is the best, or none
             equals = [] if self.pooled else promised_alike(chosen[0], tried)
             for one in (chosen, *equals):
-                if one[0].effect.name not in known:
-                    known.add(one[0].effect.name)
-                    better = settled(*one, self.current, self.judge, self.refitter, self.say)
-                    tried = [(score, better if score is one[0] else trial) for score, trial in tried]
+                if one[0].effect.name in known:
+                    continue
+                known.add(one[0].effect.name)
+                better = settled(*one, self.current, self.judge, self.refitter, self.say)
+                tried = [(score, better if score is one[0] else trial) for score, trial in tried]
+                if one is chosen and follows(better):
+                    break  # nothing is wrong with what follows whole runs to their noise
+            # what fits the training runs better may predict worse; then another is the best, or none
             chosen = self._best(tried)
 
     def _followed(self, tried: Tried) -> Tried:
