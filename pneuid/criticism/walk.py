@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from pneuid.criticism.all_runs import beyond_doubt, least_shown, shown, shown_by_training, within_a_sample
+from pneuid.criticism.break_away import AT_BREAK_AWAY, leading_friction, shown_at_break_away
 from pneuid.criticism.defects import equation_defects
 from pneuid.criticism.diagnosis import Candidate
 from pneuid.criticism.ladder import Rung
@@ -115,7 +116,23 @@ class Walk:
             if both is not None:
                 self._take_both(both, tried)
                 return True
-        return self._take(chosen, tried) or (not self.named and self._by_all_runs(UNEXPLAINED))
+        if self._take(chosen, tried):
+            return True
+        return not self.named and (self._by_break_away(tried) or self._by_all_runs(UNEXPLAINED))
+
+    def _by_break_away(self, tried: Tried) -> bool:
+        """Accept what shows at break-away alone, in the few windows that the usual error leaves out."""
+        pair = None if self.pooled else leading_friction(tried, self.current)
+        if pair is None or loudest(self.current) > DEFECT_RATIO:
+            return False
+        score, before = pair[0], self.current
+        trial = settled(*pair, before, self.judge, self.refitter, self.say)
+        if not shown_at_break_away(trial, before, self.judge):
+            return False
+        took = self._take((score, trial), [(score, trial)])
+        if score.effect.name in self.named:
+            self.moved.append(AT_BREAK_AWAY.format(score.effect.name, np.sqrt(before.whole), np.sqrt(trial.whole)))
+        return took
 
     def _cannot_judge(self) -> bool:
         """Whether the held-out error says nothing of what is missing.
