@@ -358,6 +358,22 @@ def test_an_amplitude_far_below_typical_is_a_small_start():
         assert found is small, b_play
 
 
+@pytest.mark.parametrize(
+    ("error", "per_sample", "far"), [(20.0, 1.5, True), (20.0, 1.1, False), (8.9, 1.5, False), (None, 1.5, True)]
+)
+def test_what_explains_most_and_leaves_predictions_far_off_may_stand_in_for_something_like_it(error, per_sample, far):
+    """A tube's resistance leaves 7.8 of the 20 floors of a silencer, which leaves 1.1."""
+    trial = stub(error or 1.0, 27_000.0, "line_delay")
+    trial.fit.exact, trial.fit.cost_per_sample = "an exact fit", per_sample
+    assert rounds.leaves_far(None if error is None else (SCORES[0], trial), FIRST) is far
+
+
+def test_next_to_nothing_of_a_huge_error_is_not_far():
+    huge = stub(1e4, 43_000.0)
+    assert not rounds.leaves_far((SCORES[0], stub(400.0, 27_000.0)), huge)
+    assert rounds.leaves_far((SCORES[0], stub(600.0, 27_000.0)), huge)
+
+
 @pytest.mark.parametrize(("left", "much"), [(0.3, True), (0.2, False)])
 def test_a_leading_effect_that_leaves_a_quarter_of_the_excess_leaves_much(left, much):
     excess = FIRST.error - 1.0

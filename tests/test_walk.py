@@ -32,6 +32,7 @@ def test_what_reading_break_away_anew_makes_worse_is_the_best_no_longer(read_ane
     monkeypatch.setattr(walk, "refitted", lambda *_: tried)
     monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
+    monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
     monkeypatch.setattr(walk, "settled", lambda _, trial, *__: ends[trial.added])
     after, chosen = walking()._round([], 15.0)
     assert chosen is not None and chosen[0].effect.name == named and chosen[1] is ends[named]
@@ -52,6 +53,7 @@ def test_where_the_chosen_effect_follows_whole_runs_nothing_alike_starts_again(p
     monkeypatch.setattr(walk, "refitted", lambda *_: tried)
     monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
+    monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
     monkeypatch.setattr(walk, "settled", ended)
     chosen = walking()._round([], 15.0)[1]
     assert chosen is not None and chosen[0].effect.name == "backlash" and seen == looked_at
@@ -76,7 +78,7 @@ def test_where_the_leading_effect_does_not_bear_other_starts_a_second_look_finds
         looks.append(tried)
         return [*tried, (silencer, stub(2.0, 26_000.0, "exhaust_restriction"))]
 
-    monkeypatch.setattr(walk, "refitted", lambda *_: [(heat, stub(30.0, 30_000.0, "heat_transfer"))])
+    monkeypatch.setattr(walk, "refitted", lambda *_: [(heat, stub(8.0, 30_000.0, "heat_transfer"))])
     monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     monkeypatch.setattr(walk, "loudest", lambda _: 9.0)
     monkeypatch.setattr(walk, "second_looks", looked)

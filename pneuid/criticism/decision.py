@@ -122,10 +122,11 @@ def _verdict(walk: Walk, slow: bool = False) -> Diagnosis:
     elif not walk.pooled:  # what all runs show may predict worse while the training runs leave it open
         words.append(WORST_TENTH.format(", ".join(named), 100 * removed))
     # little of the excess gone: what was found stands beside something larger that the catalogue does not hold
-    larger = not adequate and removed < MINOR
+    far = not walk.pooled and current.error > STILL_FAR**2  # parameters that the training runs leave open excuse only so much
+    larger = removed < MINOR and (far or not adequate)
     rivals = tuple(name for name in walk.ambiguous.get(named[0], ()) if name not in named)
     much = removed < MOSTLY or current.error > STILL_FAR**2
-    rest = _rest(current) if not adequate and much else None
+    rest = _rest(current) if larger or (not adequate and much) else None
     if rivals and not larger:
         every = (named[0], *rivals, *named[1:])
         return Diagnosis("ambiguous", every, ordered, rest, sentences=tuple(words), beside=tuple(named[1:]))

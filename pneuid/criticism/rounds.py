@@ -10,7 +10,7 @@ from pneuid.criticism.defects import equation_defects
 from pneuid.criticism.jumps import jumped
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.restarts import NEXT_TO_NOTHING, Say, large_starts, read_anew, typical_start
+from pneuid.criticism.restarts import NEXT_TO_NOTHING, Say, follows, large_starts, read_anew, typical_start
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
 from pneuid.estimation.fit import Fit, comparable_costs
@@ -236,6 +236,16 @@ def promised_alike(chosen: Score, tried: Tried) -> Tried:
 def leaves_much(chosen: tuple[Score, Trial] | None, current: Trial) -> bool:
     """Whether the best of the effects refitted so far, if any, leaves much of the excess."""
     return chosen is None or chosen[1].error - 1.0 > FAR * (current.error - 1.0)
+
+
+def leaves_far(chosen: tuple[Score, Trial] | None, current: Trial) -> bool:
+    """Whether the best so far leaves predictions far off, and more than next to nothing of the excess.
+
+    What is like the right effect explains most, such as a tube's resistance in place of a silencer's.
+    """
+    if chosen is None or follows(chosen[1]):
+        return chosen is None
+    return chosen[1].error > WITHIN**2 and chosen[1].error - 1.0 > NEXT_TO_NOTHING * (current.error - 1.0)
 
 
 def same_floor(judge: Judge, current: Trial, first: Trial, tried: Tried) -> tuple[Judge, Trial, Trial, Tried]:

@@ -23,6 +23,7 @@ from pneuid.criticism.rounds import (
     Tried,
     accepted,
     costs,
+    leaves_far,
     leaves_much,
     overtaking,
     promised_alike,
@@ -304,7 +305,8 @@ class Walk:
 
     def _needs_second_looks(self, chosen: tuple[Score, Trial] | None) -> bool:
         """Whether much is left that the leading effects do not explain: on a balance, or, far off, at break-away alone."""
-        if self.pooled or self.current.added is not None or not leaves_much(chosen, self.current):
+        much = leaves_much(chosen, self.current) or leaves_far(chosen, self.current)
+        if self.pooled or self.current.added is not None or not much:
             return False
         return loudest(self.current) > DEFECT_RATIO or max(self.current.error, self.current.whole) > FAR_OFF**2
 
