@@ -10,6 +10,7 @@ import helpers
 import numpy as np
 import pytest
 
+from pneuid.errors import UserError
 from pneuid.estimation import exact_end
 from pneuid.estimation import fit as fitting
 from pneuid.estimation.first_guess import BREAK_AWAY
@@ -20,6 +21,7 @@ from pneuid.estimation.stages import End, Relaxed
 from pneuid.estimation.starts import break_aways, from_near, softer
 from pneuid.estimation.task import Task
 from pneuid.plant import Plant
+from pneuid.step import LARGEST_SUBSTEPS
 from pneuid.recording import Recording
 from pneuid.rig import Rig
 from pneuid.virtual_rig import ATMOSPHERE, HIDDEN_EFFECTS, NOTHING, TruthServo, random_servo, record_servo
@@ -52,6 +54,20 @@ TASK = Task(PLANT, [], (), {}, None)
 
 def _doubted(ends: _Ends, cost: float):
     return fitting._doubted(TASK, ends.end(cost))[1].loose_cost
+
+
+def test_a_start_too_stiff_for_the_samples_is_no_slow_recording_where_a_model_was_fitted_before(monkeypatch):
+    """A memory of pre-sliding at its typical size asked for 55 substeps of a recording that the base model had followed."""
+    run = SimpleNamespace(data=np.full((1, 9), 2e-3))
+    plant = SimpleNamespace(theta=lambda *_: None)
+    monkeypatch.setattr(Task, "ranges", {})
+    monkeypatch.setattr("pneuid.estimation.task.substeps_needed", lambda *_: 55)
+    first = Task(plant, [], (run,), {}, None)
+    with pytest.raises(UserError, match="500 Hz is too low"):
+        first.substeps({})
+    assert replace(first, again=True).substeps({}) == LARGEST_SUBSTEPS
+    monkeypatch.setattr("pneuid.estimation.task.substeps_needed", lambda *_: 3)
+    assert replace(first, again=True).substeps({}) == first.substeps({}) == 3
 
 
 def test_a_fit_that_ends_far_off_starts_softer_and_then_with_the_levels_found_there(monkeypatch):

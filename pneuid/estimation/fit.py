@@ -126,14 +126,14 @@ def fit(
 
     start : values (SI) that replace the first guess; noise : 1-sigma per signal (SI), else from rig and data; exact :
     whether to go on to hard continuity where the relaxed fit allows it; nodes : node states ``(nint,)`` by name that
-    replace the first guess's. Raises ``UserError`` for data that cannot
-    identify the model, ``Interrupted`` with the best so far after a ctrl-C.
+    replace the first guess's; prepared : ``recordings`` as a fit to them before has prepared them. Raises ``UserError`` for
+    data that cannot identify the model, ``Interrupted`` with the best so far after a ctrl-C.
     """
     began = time.monotonic()
     _check_runs(plant, recordings)
     levels = dict(noise) if noise is not None else noise_of(plant.rig, recordings)
     runs = tuple(prepared) if prepared is not None else tuple(prepare(run, plant, levels) for run in recordings)
-    task = Task(plant, recordings, runs, nodes or {}, monitor)
+    task = Task(plant, recordings, runs, nodes or {}, monitor, again=prepared is not None)
     ends = _ends(task, start or {}, exact)
     _, best = min(zip(comparable_costs(*ends), ends, strict=True), key=lambda item: _order(*item))
     best = replace(best, lacking=best.hard is None and any(end.lacking for end in ends))
@@ -151,7 +151,7 @@ def completed(found: Fit, monitor: Monitor | None = None) -> Fit:
     if found.exact is not None:
         return found
     began = time.monotonic()
-    task = Task(found.plant, [run.recording for run in found.runs], found.runs, {}, monitor)
+    task = Task(found.plant, [run.recording for run in found.runs], found.runs, {}, monitor, again=True)
     try:
         end = likely_end(task, found.problem, Relaxed(found.relaxed, found.defect_level, found.loose))
     except KeyboardInterrupt:

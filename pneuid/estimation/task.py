@@ -27,7 +27,8 @@ NODE_SECONDS = 0.02
 class Task:
     """What every start of one fit shares.
 
-    known : node states ``(nint,)`` by name that replace the first guess's; loosely : when loose defects have settled.
+    known : node states ``(nint,)`` by name that replace the first guess's; loosely : when loose defects have settled; again :
+    whether a model was fitted to these runs before, so that they are known to be sampled fast enough.
     """
 
     plant: Plant
@@ -36,6 +37,7 @@ class Task:
     known: Mapping[str, np.ndarray]
     monitor: Monitor | None
     loosely: Settling = USUAL
+    again: bool = False
 
     @cached_property
     def guess(self) -> dict[str, float]:
@@ -43,17 +45,21 @@ class Task:
         return first_guess(self.plant, self.runs, motions(self.runs))
 
     def substeps(self, values: Mapping[str, float]) -> int:
-        """Substeps per sample that the parameters ``values`` (SI) need. Raises ``UserError`` where they are too many."""
+        """Substeps per sample that the parameters ``values`` (SI) need.
+
+        Raises ``UserError`` where they are too many and no model was fitted to these runs before: then it is the start that is
+        too stiff, from which a fit moves on with as many as there may be.
+        """
         # the slowest run decides the step, so that no run is integrated too coarsely
         dt = max(float(np.median(run.data[0])) for run in self.runs)
         needed = substeps_needed(self.plant, self.plant.theta(values, self.ranges), dt)
-        if needed > LARGEST_SUBSTEPS:
+        if needed > LARGEST_SUBSTEPS and not self.again:
             raise UserError(
                 f"sample rate of {1 / dt:.0f} Hz is too low: this friction and these chambers need {needed} substeps per "
                 f"sample (at most {LARGEST_SUBSTEPS}); check the unit of t and the sizes and mass in rig.toml; if they are "
                 'right, record faster or choose friction = "stribeck"'
             )
-        return needed
+        return min(needed, LARGEST_SUBSTEPS)
 
     @property
     def ranges(self) -> dict[str, float]:
