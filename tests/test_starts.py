@@ -21,9 +21,9 @@ from pneuid.estimation.stages import End, Relaxed
 from pneuid.estimation.starts import break_aways, from_near, softer
 from pneuid.estimation.task import Task
 from pneuid.plant import Plant
-from pneuid.step import LARGEST_SUBSTEPS
 from pneuid.recording import Recording
 from pneuid.rig import Rig
+from pneuid.step import LARGEST_SUBSTEPS
 from pneuid.virtual_rig import ATMOSPHERE, HIDDEN_EFFECTS, NOTHING, TruthServo, random_servo, record_servo
 
 GUESS = {"Fc": 10.0, "Fs": 15.0, "vs": 0.01, "sigma0": 4e5, "sigma1": 200.0}
