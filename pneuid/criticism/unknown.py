@@ -84,7 +84,7 @@ UNSEEN = (
     "most of all the training runs show {}: it takes {:.1f} % of what they leave, the named effects take {:.1f} %; the "
     "held-out runs do not bear it out"
 )
-ALONE = "most of all the {} show {}: it takes {:.1f} % of what they leave; the held-out runs alone do not bear it out"
+ALONE = "most of all, {} show {}: it takes {:.1f} % of what they leave; the held-out runs alone do not bear it out"
 BEYOND = ", and {:.0f} % of their samples lie outside its range in the training runs: train on runs that cover it"
 
 IN_PLACE = "beside {0} nothing explains the rest; more than {0} does, in its place, a form that the catalogue lacks"
@@ -279,7 +279,7 @@ def _shown_alone(verdict: Verdict, rest: Found) -> Verdict:
     """The verdict ``unknown`` that names no effect, with what the runs fitted to show most where that is more than chance."""
     if rest.gain < LEAST_DROP:
         return verdict
-    runs, fitted = ("training runs", verdict.best) if verdict.lacking is None else ("runs together", verdict.lacking)
+    runs, fitted = ("the training runs", verdict.best) if verdict.lacking is None else ("all runs together", verdict.lacking)
     words = ALONE.format(runs, rest.joint.terms[0].name, 100 * rest.gain / fitted.relaxed_cost)
     return _by_training(verdict, rest, words)
 
