@@ -10,10 +10,11 @@ import pytest
 from trials import score, stub
 
 from pneuid.criticism import all_runs as module
-from pneuid.criticism import walk
+from pneuid.criticism import leftover, walk
 from pneuid.criticism.all_runs import beyond_doubt, least_shown, shown, within_a_sample
 from pneuid.criticism.diagnosis import NOTHING_MISSING, Candidate, Diagnosis
-from pneuid.criticism.walk import Walk, explained_away
+from pneuid.criticism.leftover import explained_away
+from pneuid.criticism.walk import Walk
 from pneuid.diagnose import _next
 from pneuid.effects import CATALOGUE
 
@@ -254,14 +255,14 @@ def test_the_ranking_claims_nothing_held_out_of_a_fit_to_all_runs(monkeypatch):
 
 @pytest.mark.parametrize(("trained", "defect", "excused"), [(4.0, 2.7, True), (200.0, 1.2, True), (200.0, 2.7, False)])
 def test_what_does_not_explain_the_training_runs_is_not_excused_by_what_they_leave_open(trained, defect, excused, monkeypatch):
-    monkeypatch.setattr(walk, "loudest", lambda _: defect)
+    monkeypatch.setattr(leftover, "loudest", lambda _: defect)
     by = judge()
     by.fits = lambda _: trained
     assert explained_away(BASE, by) == excused
 
 
 def test_what_training_runs_leave_open_that_the_model_cannot_follow_is_no_excuse(monkeypatch):
-    monkeypatch.setattr(walk, "loudest", lambda _: 1.2)
+    monkeypatch.setattr(leftover, "loudest", lambda _: 1.2)
     far, small = (stub(error, 1e4) for error in (9.0, 1.01))
     for trial in (far, small):
         trial.fit.lacking = True

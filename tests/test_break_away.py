@@ -52,13 +52,17 @@ def test_the_friction_that_promises_most_is_looked_at_where_much_is_left_on_a_se
 
 @pytest.mark.parametrize(("loud", "named"), [(1.1, [DWELL]), (1.9, [])])
 def test_it_is_named_where_no_balance_leaves_a_defect(loud, named, monkeypatch):
-    here = walking(JUDGED, current=BASE)
-    better = trial(1.4, 2.0, 86.0, DWELL)
+    """The refit that nothing was accepted for is settled, and stands once on the ladder."""
+    here, first = walking(JUDGED, current=BASE), (score(DWELL, 30.0), trial(1.95, 7.0, 290.0, DWELL))
     monkeypatch.setattr(walk, "loudest", lambda _: loud)
-    monkeypatch.setattr(walk, "settled", lambda *_: better)
+    monkeypatch.setattr(walk, "settled", lambda *_: trial(1.4, 2.0, 86.0, DWELL))
     monkeypatch.setattr(walk, "better_without", lambda *_: None)
-    monkeypatch.setattr(walk.Walk, "_record", lambda *_, **__: None)
+    monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
+    for name, made in {
+        "_cannot_judge": False, "_screened": [], "_round": ([first], None), "_record": None, "_by_all_runs": False
+    }.items():  # fmt: skip
+        monkeypatch.setattr(walk.Walk, name, lambda *_, made=made, **__: made)
     monkeypatch.setattr(walk.Walk, "rung", lambda _, one, accepted: (one.added, accepted))
-    assert here._by_break_away([(score(DWELL, 30.0), trial(1.95, 7.0, 290.0, DWELL))]) is bool(named)
-    assert here.named == named
-    assert any("at break-away alone" in words for words in here.moved) is bool(named)
+    assert here.step() is bool(named)
+    assert here.named == named and here.rungs == [(DWELL, bool(named))]
+    assert any("from 2.86 to 1.41 floors" in words for words in here.moved) is bool(named)

@@ -9,9 +9,11 @@ from helpers import RANGES, march, rig, step_function, values_of
 from hypothesis import given, settings
 from hypothesis import strategies as some
 from scipy.integrate import solve_ivp
+from scipy.signal import step as step_response
 
 from pneuid.effect import INTEGRATION_TIME, integrated
 from pneuid.effects import CATALOGUE
+from pneuid.effects.backlash import _DAMPING
 from pneuid.effects.end_cushion import _CLEARANCE
 from pneuid.physics.gas import R_AIR
 from pneuid.plant import Plant
@@ -92,6 +94,19 @@ def crossing(force: float) -> float:
 
 # the path of damping ratio 0.7 is nearest to a free crossing where its time constant is 0.44 of that one's duration
 RECOIL = FREE | {"b_play": PLAY * SHARE, "T_crossing": 0.44 * crossing(PUSH) * np.sqrt(PUSH / MASS)}
+
+
+def test_the_damping_ratio_is_that_of_the_path_nearest_to_a_free_crossing():
+    """A crossing of duration 1 under a constant force, 0.065 of the play off (rms over three such durations)."""
+    t = np.linspace(0.0, 3.0, 1501)
+    free = np.minimum(t**2, 1.0)
+
+    def off(damping: float) -> float:
+        paths = (step_response(([w * w], [1.0, 2.0 * damping * w, w * w]), T=t)[1] for w in np.linspace(1.5, 4.0, 51))
+        return min(float(np.sqrt(np.mean((path - free) ** 2))) for path in paths)
+
+    assert off(_DAMPING) < min(off(0.8 * _DAMPING), off(1.25 * _DAMPING))
+    assert off(_DAMPING) == pytest.approx(0.065, abs=0.002)
 
 
 def recoiling(force: float, seconds: float, h: float = 2e-4) -> tuple[Plant, np.ndarray, np.ndarray]:

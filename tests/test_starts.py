@@ -15,6 +15,7 @@ from pneuid.estimation import exact_end
 from pneuid.estimation import fit as fitting
 from pneuid.estimation.first_guess import BREAK_AWAY
 from pneuid.estimation.growing import Grown
+from pneuid.estimation.preparation import prepare
 from pneuid.estimation.shooting import TIGHT
 from pneuid.estimation.solver import Outcome
 from pneuid.estimation.stages import End, Relaxed
@@ -68,6 +69,16 @@ def test_a_start_too_stiff_for_the_samples_is_no_slow_recording_where_a_model_wa
     assert replace(first, again=True).substeps({}) == LARGEST_SUBSTEPS
     monkeypatch.setattr("pneuid.estimation.task.substeps_needed", lambda *_: 3)
     assert replace(first, again=True).substeps({}) == first.substeps({}) == 3
+
+
+def test_runs_that_were_only_prepared_are_not_known_to_be_fast_enough(monkeypatch):
+    """A bench's joint fit prepares its runs itself, and is the first one to them."""
+    recording = Recording.from_arrays("s5.csv", helpers.rig(), **record_servo(TruthServo(), NOTHING, "multisine", 1.0, 5))
+    plant = Plant(helpers.rig(), "lugre")
+    levels = {"x": 2e-5, "p1": 500.0, "p2": 500.0}
+    monkeypatch.setattr("pneuid.estimation.task.substeps_needed", lambda *_: 55)
+    with pytest.raises(UserError, match="1000 Hz is too low"):
+        fitting.fit(plant, [recording], None, levels, exact=False, prepared=[prepare(recording, plant, levels)])
 
 
 def test_a_fit_that_ends_far_off_starts_softer_and_then_with_the_levels_found_there(monkeypatch):

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from trials import FIRST, JUDGE, score, stub, walking
 
-from pneuid.criticism import decision, walk
+from pneuid.criticism import decision, leftover, walk
 from pneuid.criticism.decision import _verdict
 from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.criticism.rivals import better_without
@@ -271,7 +271,7 @@ def test_training_runs_of_a_bench_or_without_a_rest_name_nothing():
 def test_what_is_open_is_no_reason_not_to_look_where_a_relaxed_fit_is_far_off_on_the_training_runs_too(
     exact, training, judges, monkeypatch
 ):
-    monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
+    monkeypatch.setattr(leftover, "loudest", lambda _: 1.0)
     current = stub(1.1, 26_000.0)
     current.fit.exact = exact
     going = walking(SimpleNamespace(**vars(JUDGE) | {"fits": lambda _: training}), current=current)

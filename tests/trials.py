@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+from pneuid.criticism.refits import Asked
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Trial
 from pneuid.criticism.walk import Walk
@@ -27,6 +28,19 @@ def score(name: str, drop: float, group: tuple[str, ...] = ()) -> Score:
 
 
 FIRST = stub(145.0, 43_000.0)
+
+
+class Counting:
+    """Makes nothing and counts what it was asked to make."""
+
+    def __init__(self) -> None:
+        self.asked: list[Asked] = []
+        self.made: list[str] = []
+
+    def each(self, _base, asked):
+        self.asked = list(asked)
+        for one in asked:
+            yield one, lambda one=one: self.made.append(one.effect.name)
 
 
 def walking(judge=JUDGE, refitter=None, current=FIRST) -> Walk:

@@ -16,12 +16,13 @@ import numpy as np
 from pneuid.criticism.defects import equation_defects, node_jumps
 from pneuid.criticism.diagnosis import NOTHING_MISSING, Candidate, Diagnosis, Unknown
 from pneuid.criticism.ladder import Rung
+from pneuid.criticism.leftover import DEFECT_RATIO, explained_away, explained_share, loudest
 from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.rounds import ACTING_ON, LEAST_DROP, Say
 from pneuid.criticism.too_slow import too_slow
 from pneuid.criticism.trial import Trial, judge_of
 from pneuid.criticism.uncovered import uncovered
-from pneuid.criticism.walk import DEFECT_RATIO, MINOR, Walk, explained_away, explained_share, loudest
+from pneuid.criticism.walk import MINOR, Walk
 from pneuid.effect import Effect
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import prepare

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,19 +70,18 @@ def refit(base: Standing, asked: Asked, order: Sequence[str], monitor: Monitor |
     off = {item.name: item.off for item in plant.parameters if item.off is not None}
     part = {name: off[name] + asked.way * (value - off[name]) for name, value in asked.start.items() if name in off}
     part |= _break_away(base) if asked.anew else {}
-    recordings = [run.recording for run in base.runs]
     if plant.law is not base.plant.law:
-        return fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs)
+        return _fitted(base, plant, values, monitor)
     effect_values = {name: value for name, value in values.items() if plant.owner[name] is not None}
     if asked.cold:
-        return fit(plant, recordings, effect_values, base.noise, monitor, exact=False, prepared=base.runs)
+        return _fitted(base, plant, effect_values, monitor)
     warm = _warm(base, plant, values | part, monitor)
     predicted = base.loose_cost * (1.0 - asked.gain)
     enough = warm.loose_cost < base.loose_cost * (1.0 - ENOUGH * asked.gain) and warm.loose_cost < OVER * predicted
     twice = (asked.thorough and not enough) if plant.servo else (asked.thorough or not enough)
     if not twice:
         return warm
-    cold = fit(plant, recordings, effect_values, base.noise, monitor, exact=False, prepared=base.runs)
+    cold = _fitted(base, plant, effect_values, monitor)
     misfits = comparable_costs(warm, cold) if plant.servo else [_force_error(end) for end in (warm, cold)]
     return cold if misfits[1] < misfits[0] else warm
 
@@ -102,23 +101,20 @@ def afresh(base: Standing, monitor: Monitor | None = None) -> Fit | None:
     A refit that starts from there mostly stays there: sticks break away in the wrong interval, and no step leads out of that.
     """
     fresh = _break_away(base)
-    if not fresh:
-        return None
-    recordings = [run.recording for run in base.runs]
-    return fit(base.plant, recordings, {**base.values, **fresh}, base.noise, monitor, exact=False, prepared=base.runs)
+    return _fitted(base, base.plant, {**base.values, **fresh}, monitor) if fresh else None
 
 
 def by_sliding(base: Standing, monitor: Monitor | None = None) -> list[Fit]:
     """The same model fitted from its own values, but friction from the laws of sliding read off the data; none where its
     break-away has no laws."""
-    plant, recordings = base.plant, [run.recording for run in base.runs]
+    plant = base.plant
     friction = set(plant.law.fitted)
     friction.update(name for one in plant.effects if one.equation == "friction" for name in plant.own_parameters(one.name))
     starts = [
         {**base.values, **{name: value for name, value in start.items() if name in friction}}
         for start in sliding_starts(plant, base.runs)
     ]
-    return [fit(plant, recordings, start, base.noise, monitor, exact=False, prepared=base.runs) for start in starts]
+    return [_fitted(base, plant, start, monitor) for start in starts]
 
 
 def _break_away(base: Standing) -> dict[str, float]:
@@ -135,9 +131,7 @@ def without(base: Standing, name: str, monitor: Monitor | None = None) -> Fit:
 
 def on_runs(base: Standing, runs: Sequence[Run], monitor: Monitor | None = None) -> Fit:
     """The same model fitted to other runs, from its own values."""
-    return fit(
-        base.plant, [run.recording for run in runs], base.values, base.noise, monitor, exact=False, prepared=runs
-    )
+    return _fitted(replace(base, runs=tuple(runs)), base.plant, base.values, monitor)
 
 
 def _plant_with(base: Standing, asked: Asked, order: Sequence[str]) -> tuple[Plant, dict[str, float]]:
@@ -157,5 +151,13 @@ def _plant_with(base: Standing, asked: Asked, order: Sequence[str]) -> tuple[Pla
 def _warm(base: Standing, plant: Plant, values: Mapping[str, float], monitor: Monitor | None) -> Fit:
     """Fit of ``plant`` from ``values`` and the base's nodes."""
     known = {name: row for name, row in base.nodes.items() if name in plant.states}
+    return _fitted(base, plant, values, monitor, known)
+
+
+def _fitted(
+    base: Standing, plant: Plant, start: Mapping[str, float], monitor: Monitor | None,
+    nodes: Mapping[str, np.ndarray] | None = None,
+) -> Fit:  # fmt: skip
+    """Relaxed fit of ``plant`` to the base's runs, which the base model has followed before."""
     recordings = [run.recording for run in base.runs]
-    return fit(plant, recordings, values, base.noise, monitor, exact=False, prepared=base.runs, nodes=known)
+    return fit(plant, recordings, start, base.noise, monitor, exact=False, prepared=base.runs, nodes=nodes, again=True)

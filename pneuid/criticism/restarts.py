@@ -62,11 +62,10 @@ def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: 
 def _worth_following(best: Trial, ends: Sequence[Trial], judge: Judge) -> list[Trial]:
     """Of some ``ends`` of one model the one that predicts the training runs best, and the one that costs least, where they beat
     the ``best`` so far: a wrong break-away spoils the predictions of what the cost shows to be near."""
-    closest = min(ends, key=judge.fits)
-    costs = dict(zip(map(id, (best, *ends)), comparable_costs(best.fit, *(end.fit for end in ends)), strict=True))
-    cheapest = min(ends, key=lambda end: costs[id(end)])
+    standing, *costs = comparable_costs(best.fit, *(end.fit for end in ends))
+    closest, cheapest = min(ends, key=judge.fits), ends[int(np.argmin(costs))]
     found = [closest] if judge.fits(closest) < judge.fits(best) else []
-    if cheapest is not closest and costs[id(cheapest)] < (1.0 - CHEAPER) * costs[id(best)]:
+    if cheapest is not closest and min(costs) < (1.0 - CHEAPER) * standing:
         found.append(cheapest)
     return found
 

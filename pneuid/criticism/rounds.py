@@ -244,7 +244,7 @@ def leaves_far(chosen: tuple[Score, Trial] | None, current: Trial) -> bool:
     What is like the right effect explains most, such as a tube's resistance in place of a silencer's.
     """
     if chosen is None or follows(chosen[1]):
-        return chosen is None
+        return False
     return chosen[1].error > WITHIN**2 and chosen[1].error - 1.0 > NEXT_TO_NOTHING * (current.error - 1.0)
 
 

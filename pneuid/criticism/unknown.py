@@ -256,8 +256,8 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
         return replace(verdict, diagnosis=replace(diagnosis, unknown=_unknown(alone), sentences=sentences))
     if not rest.explains:
         if not diagnosis.effects:
-            together = verdict.lacking
-            return _shown_alone(verdict, rest if together is None else search(together, hold_out, floor, say))
+            together = verdict.lacking  # fitted to the held-out runs as well, so what it removes there is not told
+            return _shown_alone(verdict, rest if together is None else search(together, hold_out, floor))
         return _seen_in_training(verdict, rest) if much else verdict
     found = replace(diagnosis, unknown=_unknown(rest), sentences=(*diagnosis.sentences, *_said(rest)))
     if diagnosis.effects and much and _other(rest, theirs) and rest.beyond < STRANGE and rest.explained > NEARLY_ALL:

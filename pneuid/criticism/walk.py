@@ -10,9 +10,9 @@ from scipy.stats import chi2
 
 from pneuid.criticism.all_runs import beyond_doubt, least_shown, shown, shown_by_training, within_a_sample
 from pneuid.criticism.break_away import AT_BREAK_AWAY, leading_friction, shown_at_break_away
-from pneuid.criticism.defects import equation_defects
 from pneuid.criticism.diagnosis import Candidate
 from pneuid.criticism.ladder import Rung
+from pneuid.criticism.leftover import DEFECT_RATIO, FAR_OFF, explained_away, explained_share, loudest
 from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.restarts import followed, follows, settled
 from pneuid.criticism.rivals import alike, alike_in_training, better_without, contains
@@ -36,13 +36,6 @@ from pneuid.criticism.together import Joined, joined
 from pneuid.criticism.trial import Judge, Trial
 from pneuid.effect import Effect
 from pneuid.estimation.fit import Fit
-
-DEFECT_RATIO = 1.5
-"""Defect of a balance over what noise alone leaves, below which nothing unknown can be named in any equation."""
-
-FAR_OFF = 3.0
-"""Error on the training runs, in floors, from which what they leave open of the parameters is no excuse for the held-out error,
-where a balance leaves a defect above noise as well; of the held-out runs, from which second looks need no such balance."""
 
 SHOWN = (
     "{} is what all runs together show: fitted to the held-out runs as well, their cost falls by {:.0f}, more than the {:.0f} "
@@ -117,23 +110,24 @@ class Walk:
             if both is not None:
                 self._take_both(both, tried)
                 return True
+        at_break_away = chosen is None and not self.named
+        if at_break_away:
+            tried, chosen = self._at_break_away(tried)
+        before = self.current
         if self._take(chosen, tried):
+            if at_break_away and self.named:
+                self.moved.append(AT_BREAK_AWAY.format(self.named[0], np.sqrt(before.whole), np.sqrt(self.current.whole)))
             return True
-        return not self.named and (self._by_break_away(tried) or self._by_all_runs(UNEXPLAINED))
+        return not self.named and self._by_all_runs(UNEXPLAINED)
 
-    def _by_break_away(self, tried: Tried) -> bool:
-        """Accept what shows at break-away alone, in the few windows that the usual error leaves out."""
-        pair = None if self.pooled else leading_friction(tried, self.current)
+    def _at_break_away(self, tried: Tried) -> tuple[Tried, tuple[Score, Trial] | None]:
+        """Those tried, and what of them shows at break-away alone, in the few windows that the usual error leaves out."""
+        pair = leading_friction(tried, self.current)
         if pair is None or loudest(self.current) > DEFECT_RATIO:
-            return False
-        score, before = pair[0], self.current
-        trial = settled(*pair, before, self.judge, self.refitter, self.say)
-        if not shown_at_break_away(trial, before, self.judge):
-            return False
-        took = self._take((score, trial), [(score, trial)])
-        if score.effect.name in self.named:
-            self.moved.append(AT_BREAK_AWAY.format(score.effect.name, np.sqrt(before.whole), np.sqrt(trial.whole)))
-        return took
+            return tried, None
+        score, trial = pair[0], settled(*pair, self.current, self.judge, self.refitter, self.say)
+        found = (score, trial) if shown_at_break_away(trial, self.current, self.judge) else None
+        return [(score, trial) if one is pair else one for one in tried], found
 
     def _cannot_judge(self) -> bool:
         """Whether the held-out error says nothing of what is missing.
@@ -392,29 +386,6 @@ class Walk:
         """The trial as a rung of the ladder."""
         names, floor = tuple(effect.name for effect in trial.fit.plant.effects), dict(self.judge.floor.value)
         return Rung(names, trial.added, accepted, trial.train, trial.hold_out, floor, len(trial.fit.plant.parameters))
-
-
-def loudest(trial: Trial) -> float:
-    """Largest defect of a balance over what noise alone leaves; on a bench, which has no such defects, that of the force."""
-    ratios = [item.rms / max(item.expected_rms, 1e-12) for item in equation_defects(trial.fit)]
-    return max(ratios, default=float(np.sqrt(trial.error)))
-
-
-def explained_away(trial: Trial, judge: Judge) -> bool:
-    """Whether noise, and what the training runs leave open of the parameters, are all that the held-out error needs.
-
-    What training runs that the model cannot follow leave open is no excuse.
-    """
-    if trial.fit.lacking and trial.error - 1.0 >= judge.small:
-        return False
-    unlearned = judge.fits(trial) > FAR_OFF**2 and loudest(trial) > DEFECT_RATIO
-    return judge.explains(trial) and not unlearned
-
-
-def explained_share(before: Trial, after: Trial, first: Trial) -> float:
-    """Share of the base model's excess that the step from ``before`` to ``after`` removes."""
-    excess = first.whole - 1.0
-    return float((before.whole - after.whole) / excess) if excess > 0 and np.isfinite(after.whole) else 0.0
 
 
 def _leading(scores: Sequence[Score]) -> str:

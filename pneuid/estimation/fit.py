@@ -121,19 +121,21 @@ def fit(
     exact: bool = True,
     prepared: Sequence[Run] | None = None,
     nodes: Mapping[str, np.ndarray] | None = None,
+    again: bool = False,
 ) -> Fit:
     """Identify the parameters of ``plant`` from ``recordings``.
 
     start : values (SI) that replace the first guess; noise : 1-sigma per signal (SI), else from rig and data; exact :
     whether to go on to hard continuity where the relaxed fit allows it; nodes : node states ``(nint,)`` by name that
-    replace the first guess's; prepared : ``recordings`` as a fit to them before has prepared them. Raises ``UserError`` for
-    data that cannot identify the model, ``Interrupted`` with the best so far after a ctrl-C.
+    replace the first guess's; prepared : ``recordings``, prepared already; again : whether a model was fitted to them before,
+    so that they are known to be sampled fast enough. Raises ``UserError`` for data that cannot identify the model,
+    ``Interrupted`` with the best so far after a ctrl-C.
     """
     began = time.monotonic()
     _check_runs(plant, recordings)
     levels = dict(noise) if noise is not None else noise_of(plant.rig, recordings)
     runs = tuple(prepared) if prepared is not None else tuple(prepare(run, plant, levels) for run in recordings)
-    task = Task(plant, recordings, runs, nodes or {}, monitor, again=prepared is not None)
+    task = Task(plant, recordings, runs, nodes or {}, monitor, again=again)
     ends = _ends(task, start or {}, exact)
     _, best = min(zip(comparable_costs(*ends), ends, strict=True), key=lambda item: _order(*item))
     best = replace(best, lacking=best.hard is None and any(end.lacking for end in ends))
