@@ -1,6 +1,7 @@
 """Cases of ``hidden_effects.py`` in which all is drawn: the rig, the excitations, the strength and the form of what hides.
 
-No rule of the diagnosis was made on them; they show what it is worth off the beaten track.
+The form is drawn whole, with every constant of the hidden equations (``virtual_rig.forms``). No rule of the diagnosis was
+made on them; they show what it is worth off the beaten track.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from pneuid.virtual_rig import (
     Motion,
     RandomBench,
     RandomServo,
+    drawn_form,
     in_proportion,
     random_bench,
     random_servo,
@@ -56,7 +58,7 @@ def drawn_hidden(hidden: Hidden, bore: float, seed: int) -> Hidden:
     """``hidden``, the strong preset of the default rig, at a third to the whole of its strength and with another form."""
     rng = np.random.default_rng((seed, 11))
     share = 3.0 ** rng.uniform(-1.0, 0.0)
-    nothing, form = Hidden(), {
+    nothing, places = Hidden(), {
         "pressure_reference": rng.uniform(2e5, 4e5), "pressure_saturation": rng.uniform(4.5e5, 8e5),
         "bump_at": rng.uniform(0.35, 0.65), "bump_width": rng.uniform(0.05, 0.12), "taper": rng.uniform(0.15, 0.45),
         "gravity_incline_share": rng.uniform(0.3, 0.9), "leak_critical_ratio": rng.uniform(0.15, 0.5),
@@ -68,7 +70,7 @@ def drawn_hidden(hidden: Hidden, bore: float, seed: int) -> Hidden:
         for name, value in vars(hidden).items()
         if value != getattr(nothing, name)
     }  # the fall of pressure grows with the square of the flow; a cushion has to be longer than the end stops are soft
-    return in_proportion(replace(nothing, **(form | kept)), bore)
+    return in_proportion(replace(nothing, form=drawn_form(rng), **(places | kept)), bore)
 
 
 def drawn_plan(seed: int) -> list[Run]:

@@ -23,6 +23,7 @@ from pneuid.virtual_rig import (
     Hidden,
     ServoPlant,
     TruthServo,
+    drawn_form,
     preset,
     record_command,
     record_servo,
@@ -187,12 +188,12 @@ def _same(one, other):
 
 def test_shapes_of_absent_effects_change_no_bit():
     plain = record_servo(RIG, NOTHING, "multisine", 0.5, 1)
-    assert _same(plain, record_servo(RIG, Hidden(**SHAPES), "multisine", 0.5, 1))
+    assert _same(plain, record_servo(RIG, Hidden(**SHAPES, form=drawn_form(np.random.default_rng(1))), "multisine", 0.5, 1))
 
 
 def test_every_field_of_hidden_is_covered_here():
     amplitudes = set(HIDDEN_EFFECTS) | set(OUTSIDE_EFFECTS) | set(BENCH_EFFECTS)
-    assert {item.name for item in fields(Hidden)} == amplitudes | set(SHAPES)
+    assert {item.name for item in fields(Hidden)} == amplitudes | set(SHAPES) | {"form"}
 
 
 def test_strong_effects_are_of_the_intended_size():
@@ -218,12 +219,12 @@ def test_seed_decides_everything():
     assert not np.array_equal(one["x"], other["x"])
 
 
-GROUPS = {"multisine": 0, "steps": 1, "slow": 2, "sine": 3}
+GROUPS = {"multisine": 0, "steps": 1, "slow": 2, "sine": 3, "chirp": 4, "stairs": 5}
 
 
 @pytest.mark.parametrize("excitation", sorted(GROUPS))
 def test_stays_within_the_stroke_with_and_without_strong_effects(excitation):
-    seconds = 3.0 if excitation == "slow" else 0.6  # slow motion takes its time to break away
+    seconds = {"slow": 3.0, "stairs": 2.0}.get(excitation, 0.6)  # slow motion takes its time to break away
     some = [level["strong"] for level in HIDDEN_EFFECTS.values()][GROUPS[excitation] :: 2 * len(GROUPS)]
     for i, hidden in enumerate((NOTHING, *some)):
         supply = (3e5, 7e5)[i % 2]

@@ -105,7 +105,7 @@ def record_bench(
     if not np.all(np.isfinite(force)):
         raise ComputationError("the virtual bench's force is not finite; check friction and motion")
     noise = np.random.default_rng(seed).standard_normal((4, path.t.size))
-    felt = averaged(force, hidden.sensor_lag_F / interval) + hidden.sensor_offset_F
+    felt = averaged(force, hidden.sensor_lag_F / interval, round(hidden.form.averages)) + hidden.sensor_offset_F
     record = {
         "t": path.t.copy(),
         "x": on_grid(path.x + sensors.x_noise * noise[0], sensors.x_grid),

@@ -119,6 +119,29 @@ def _travel(t: Array, stroke: float, top_speed: float, rng: np.random.Generator)
     return position, speed
 
 
+def _chirp(t: Array, stroke: float, top_speed: float, rng: np.random.Generator) -> tuple[Array, Array]:
+    """A sine that sweeps from 0.2 to some 4 Hz, its logarithm at a steady rate, the slower the wider."""
+    low, high = 0.2, rng.uniform(3.0, 5.0)
+    growth = np.log(high / low) / t[-1]
+    rate = 2.0 * np.pi * low * np.exp(growth * t)
+    angle = rate / growth + rng.uniform(0.0, 2.0 * np.pi)
+    width = np.minimum(rng.uniform(0.15, 0.28) * stroke, 0.35 * top_speed / rate)
+    position = 0.5 * (LOWEST + HIGHEST) * stroke + width * np.sin(angle)
+    return position, np.gradient(position, t)
+
+
+def _stairs(t: Array, stroke: float, top_speed: float, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Jumps of the reference, up to a quarter of the stroke, each held for 0.3 to 0.9 s: the valve opens at once."""
+    position, clock = np.empty_like(t), 0.0
+    here = rng.uniform(LOWEST, HIGHEST)
+    while clock < t[-1]:
+        position[t >= clock] = here * stroke
+        step = min(0.8, top_speed / stroke) * rng.uniform(0.03, 0.33) * rng.choice((-1.0, 1.0))
+        here = here + step if LOWEST <= here + step <= HIGHEST else here - step
+        clock += rng.uniform(0.3, 0.9)
+    return position, np.zeros_like(t)
+
+
 EXCITATIONS: dict[str, Excitation] = {
     item.name: item
     for item in (
@@ -127,6 +150,8 @@ EXCITATIONS: dict[str, Excitation] = {
         Excitation("slow", _slow, dither=0.002, integral=3.0),
         Excitation("sine", _sine, dither=0.02),
         Excitation("travel", _travel, dither=0.01),
+        Excitation("chirp", _chirp, dither=0.01),
+        Excitation("stairs", _stairs, dither=0.01),
     )
 }
 """The excitations by name."""

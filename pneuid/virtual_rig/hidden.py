@@ -1,13 +1,16 @@
 """What a rig has beyond its base model, in forms unlike those of the estimator's catalogue.
 
 Each effect has one amplitude; zero means exactly absent. The other fields are shapes, which do
-nothing while their amplitude is zero. Names are those of the catalogue, but for the effects that it does not hold.
+nothing while their amplitude is zero, and ``form`` has the constants of the equations. Names are
+those of the catalogue, but for the effects that it does not hold.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
+
+from pneuid.virtual_rig.forms import Form
 
 _NOT_NEGATIVE = (
     "load_mass", "leakage_internal", "valve_dead_zone", "supply_droop", "valve_lag", "leakage_external_1",
@@ -183,6 +186,7 @@ class Hidden:
     relief_at: float = 3.0e5
     clamp_at: float = 2.5e5
     supply_reference: float = 5.0e5
+    form: Form = field(default_factory=Form)
 
     def __post_init__(self) -> None:
         for name in _NOT_NEGATIVE:
@@ -191,7 +195,7 @@ class Hidden:
         if max(self.friction_presliding_memory, self.friction_warmup) > 1.0 or self.end_cushion > 0.3:
             raise ValueError(f"shares and the cushions' part of the stroke are too large: {self}")
         for item in fields(self):
-            if not math.isfinite(getattr(self, item.name)):
+            if item.name != "form" and not math.isfinite(getattr(self, item.name)):
                 raise ValueError(f"{item.name} must be finite, got {getattr(self, item.name)}")
 
     def also(self, other: Hidden) -> Hidden:

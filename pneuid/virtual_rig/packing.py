@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +17,12 @@ GAS_CONSTANT = 287.05  # J/(kg K)
 NORMAL_DENSITY = 1.185  # kg/m^3, ISO 6358-1
 NORMAL_TEMPERATURE = 293.15  # K, ISO 6358-1
 PATCH_FROM = 0.999  # as in kernel
-STOP_STIFFNESS = 1.0e6  # N/m
+STOP_STIFFNESS = 1.0e6  # N/m, of cylinders up to the piston area below, in proportion of larger ones
 STOP_DAMPING_RATIO = 0.3
 TUBE_CONDUCTANCE = 1.2e-8  # m^3/(s Pa), of the valve that the tubes below belong to
 TUBE_AREA = math.pi / 4.0 * 4e-3**2  # m^2
 PORT_VOLUME = 2e-6  # m^3, of the valve's port and fitting
-RUN_IN_STROKES = 2.0  # strokes of friction work in which the fast part of the run-in is done
-BODY_MASS = 1.2  # kg, of a cylinder with the piston area below
-BODY_AREA = 8.04e-4  # m^2
+BODY_AREA = 8.04e-4  # m^2, of the piston whose cylinder's mass the form states
 
 _WITH_STATES = (
     "valve_hysteresis", "exhaust_restriction", "dead_volume", "line_delay", "friction_dwell", "friction_warmup",
@@ -43,6 +42,8 @@ def pack(truth: TruthServo, hidden: Hidden) -> NDArray[np.float64]:
     _pack_hidden(par, hidden)
     _pack_parts(par, truth, hidden)
     _pack_outside(par, truth, hidden)
+    for item in fields(hidden.form):
+        par[getattr(at, f"F_{item.name.upper()}")] = getattr(hidden.form, item.name)
     par[at.EXTENDED] = float(any(getattr(hidden, name) != 0.0 for name in _WITH_STATES))
     if not np.all(np.isfinite(par)):
         raise ValueError(f"the rig has a parameter that is not finite: {truth}, {hidden}")
@@ -52,23 +53,23 @@ def pack(truth: TruthServo, hidden: Hidden) -> NDArray[np.float64]:
 def _pack_body(par: NDArray[np.float64], truth: TruthServo, hidden: Hidden) -> None:
     mass = truth.mass + hidden.load_mass
     par[at.AREA_1], par[at.AREA_2], par[at.STROKE] = truth.area_1, truth.area_2, truth.stroke
-    rigid = 2.0 / 3.0 * hidden.dead_volume  # the last third is a side pocket
-    tube = 0.75 * _tube_area(truth) * hidden.line_delay  # the last quarter of a tube counts to the chamber
+    rigid = (1.0 - hidden.form.pocket_share) * hidden.dead_volume  # the rest is a side pocket
+    tube = 0.75 * _tube_area(truth, hidden) * hidden.line_delay  # the last quarter of a tube counts to the chamber
     par[at.DEAD_1] = max(truth.dead_volume_1 - tube, 0.3 * truth.dead_volume_1) * (1.0 + rigid)
-    par[at.DEAD_2] = max(truth.dead_volume_2 - tube, 0.3 * truth.dead_volume_2) * (1.0 + 0.8 * rigid)
+    par[at.DEAD_2] = max(truth.dead_volume_2 - tube, 0.3 * truth.dead_volume_2) * (1.0 + hidden.form.pocket_rod_side * rigid)
     behind = hidden.backlash_load_share * mass if hidden.backlash != 0.0 else 0.0
     par[at.MASS], par[at.S_LOAD_MASS] = mass - behind, behind
     extra = 0.0
     if hidden.gravity != 0.0:
         extra = hidden.gravity_incline_share * hidden.gravity / truth.mass  # the incline acts on any payload as well
     par[at.GRAVITY] = GRAVITATION * math.sin(truth.incline) + extra
-    par[at.STOP_STIFFNESS] = STOP_STIFFNESS
-    par[at.STOP_DAMPING] = 2.0 * STOP_DAMPING_RATIO * math.sqrt(STOP_STIFFNESS * mass)
+    stiffness = par[at.STOP_STIFFNESS] = STOP_STIFFNESS * max(truth.area_1 / BODY_AREA, 1.0)
+    par[at.STOP_DAMPING] = 2.0 * STOP_DAMPING_RATIO * math.sqrt(stiffness * mass)
 
 
-def _tube_area(truth: TruthServo) -> float:
+def _tube_area(truth: TruthServo, hidden: Hidden) -> float:
     """Bore area [m^2] of tubes that suit the valve."""
-    return TUBE_AREA * truth.conductance / TUBE_CONDUCTANCE
+    return hidden.form.tube_area * TUBE_AREA * truth.conductance / TUBE_CONDUCTANCE
 
 
 def _patch(critical: float, power: float) -> float:
@@ -80,7 +81,7 @@ def _patch(critical: float, power: float) -> float:
 
 def _pack_gas_and_valve(par: NDArray[np.float64], truth: TruthServo, hidden: Hidden) -> None:
     more = hidden.valve_critical_ratio
-    fill, vent = (min(max(truth.critical_ratio + share * more, 0.05), 0.85) for share in (1.0, 0.8))
+    fill, vent = (min(max(truth.critical_ratio + share * more, 0.05), 0.85) for share in (1.0, hidden.form.critical_vent))
     power, par[at.CRITICAL_SPREAD] = 0.5 + 0.25 * abs(more), 0.25 * more
     par[at.PATM], par[at.TEMPERATURE], par[at.POLYTROPIC] = truth.patm, truth.temperature, truth.polytropic
     par[at.GAS_RT] = GAS_CONSTANT * truth.temperature
@@ -125,20 +126,21 @@ def _pack_parts(par: NDArray[np.float64], truth: TruthServo, hidden: Hidden) -> 
         hidden.dead_volume,
         hidden.inlet_mixing,
     )
-    par[at.H_LINE], par[at.S_LINE_LENGTH], par[at.S_LINE_AREA] = hidden.line_delay, hidden.line_delay, _tube_area(truth)
+    par[at.H_LINE], par[at.S_LINE_LENGTH], par[at.S_LINE_AREA] = hidden.line_delay, hidden.line_delay, _tube_area(truth, hidden)
     par[at.S_PORT_VOLUME] = PORT_VOLUME * truth.conductance / TUBE_CONDUCTANCE
     par[at.H_DWELL], par[at.H_WARMUP], par[at.H_FILM] = (
         hidden.friction_dwell,
         hidden.friction_warmup,
         hidden.friction_lag,
     )
-    par[at.S_WARMUP_WORK] = RUN_IN_STROKES * truth.friction.Fc * truth.stroke
+    par[at.S_WARMUP_WORK] = hidden.form.run_in_strokes * truth.friction.Fc * truth.stroke
     par[at.H_MAXWELL], par[at.H_BACKLASH], par[at.H_CUSHION] = (
         hidden.friction_presliding_memory,
         hidden.backlash,
         hidden.end_cushion,
     )
-    par[at.H_COMPLIANCE], par[at.S_BODY_MASS] = hidden.mounting_compliance, BODY_MASS * truth.area_1 / BODY_AREA
+    par[at.H_COMPLIANCE] = hidden.mounting_compliance
+    par[at.S_BODY_MASS] = hidden.form.body_mass * truth.area_1 / BODY_AREA
 
 
 def _pack_outside(par: NDArray[np.float64], truth: TruthServo, hidden: Hidden) -> None:

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 from pneuid.virtual_rig.hidden import Hidden
 
 
+def _alone(name: str, amplitude: float) -> Hidden:
+    given: dict[str, Any] = {name: amplitude}
+    return Hidden(**given)
+
+
 def _levels(table: tuple[tuple[str, float, float], ...]) -> dict[str, dict[str, Hidden]]:
-    return {name: {"weak": Hidden(**{name: weak}), "strong": Hidden(**{name: strong})} for name, weak, strong in table}
+    return {name: {"weak": _alone(name, weak), "strong": _alone(name, strong)} for name, weak, strong in table}
 
 
 HIDDEN_EFFECTS: dict[str, dict[str, Hidden]] = _levels(
@@ -93,7 +99,7 @@ def _outside(
     name: str, weak: float, strong: float, equations: str, signals: str, rigs: tuple[str, ...] = ("servo",)
 ) -> Outside:
     return Outside(
-        tuple(equations.split()), tuple(signals.split()), Hidden(**{name: weak}), Hidden(**{name: strong}), rigs
+        tuple(equations.split()), tuple(signals.split()), _alone(name, weak), _alone(name, strong), rigs
     )
 
 

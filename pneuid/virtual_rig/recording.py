@@ -144,9 +144,14 @@ def _measured(
     if hidden.sensor_gain_drift != 0.0:
         warm = 1.0 - np.exp(-np.arange(x.size) / rate / DRIFT_TIME)
         p1 = p1 + hidden.sensor_gain_drift * warm * (p1 - truth.patm)
-    p1, p2 = averaged(p1, hidden.sensor_lag_p1 * rate), averaged(p2, hidden.sensor_lag_p2 * rate)
+    form = hidden.form
+    p1, p2 = (
+        averaged(values, age * rate, round(form.averages))
+        for values, age in ((p1, hidden.sensor_lag_p1), (p2, hidden.sensor_lag_p2))
+    )
     x, p1, p2 = (
-        delayed(values, age * hidden.channel_skew * rate) for values, age in ((x, 1.0), (p1, 2 / 3), (p2, 1 / 3))
+        delayed(values, age * hidden.channel_skew * rate)
+        for values, age in ((x, form.scan_x), (p1, form.scan_p1), (p2, form.scan_p2))
     )
     return {
         "x": on_grid(x + sensors.x_noise * noise[0], sensors.x_grid),

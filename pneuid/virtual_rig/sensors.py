@@ -57,18 +57,19 @@ def delayed(values: Array, samples: float) -> Array:
     return np.interp(k - samples, k, values)
 
 
-def averaged(values: Array, samples: float) -> Array:
-    """Two running averages in a row, each over ``samples``, so that what comes out is ``samples`` old on the mean."""
+def averaged(values: Array, samples: float, times: int = 2) -> Array:
+    """Running averages in a row, ``times`` of one length, so that what comes out is ``samples`` old on the mean."""
     if samples == 0.0:
         return values
     k = np.arange(values.size, dtype=np.float64)
-    for _ in range(2):
+    length = 2.0 * samples / times
+    for _ in range(times):
         # exact for straight lines between samples; before the start the signal is held
         area = np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]))))
-        ago = k - samples
+        ago = k - length
         whole = np.floor(np.maximum(ago, 0.0)).astype(np.int64)
         part = np.maximum(ago, 0.0) - whole
         after = values[np.minimum(whole + 1, values.size - 1)]
         then = area[whole] + part * (values[whole] + 0.5 * part * (after - values[whole]))
-        values = (area - then - np.minimum(ago, 0.0) * values[0]) / samples
+        values = (area - then - np.minimum(ago, 0.0) * values[0]) / length
     return values

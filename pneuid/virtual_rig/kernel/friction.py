@@ -17,21 +17,17 @@ LEAST_STRIBECK_SPEED = 2e-4  # m/s, the floor of the contract
 MAXWELL_YIELD = (0.25, 0.6, 1.3, 3.0, 8.0)  # deflections at which the elements slip, over the bristle's g / sigma0
 MAXWELL_SHARE = (0.15, 0.25, 0.25, 0.20, 0.15)  # shares of the force that they carry when all slip
 AT_REST = 1e-4  # m/s; slower motion counts as rest
-REJUVENATION = 2e-4  # m; sliding distance that wears the growth at rest down by a factor e
-DWELL_POWER = 0.4
 DWELL_LIMIT = 3.0  # the growth saturates at three times that of one second
-SLOW_COMMIT = 12.0  # the second run-in takes this many times the work of the first
-SQUEEZE = 2.5  # a film takes this much longer to be squeezed out than to be drawn in
 
 
 @compiled
 def pressure_factors(gauge_1: float, gauge_2: float, par: Array) -> tuple[float, float]:
     """Relative growth of Fc and of Fs - Fc with chamber pressure: power law at the cap, saturation at the rod."""
     reference, saturation = par[at.S_PRESSURE_REF], par[at.S_PRESSURE_SAT]
-    cap = (max(gauge_1, 0.0) / reference) ** 0.85
+    cap = (max(gauge_1, 0.0) / reference) ** par[at.F_PRESSURE_POWER]
     rod = math.tanh(max(gauge_2, 0.0) / saturation) / math.tanh(reference / saturation)
-    growth = par[at.H_PRESSURE]
-    return growth * (0.6 * cap + 0.4 * rod - 1.0), growth * (1.3 * (0.35 * cap + 0.65 * rod) - 1.3)
+    growth, share = par[at.H_PRESSURE], par[at.F_PRESSURE_ROD_SHARE]
+    return growth * ((1.0 - share) * cap + share * rod - 1.0), growth * (1.3 * (0.35 * cap + 0.65 * rod) - 1.3)
 
 
 @compiled
@@ -48,7 +44,8 @@ def place_factor(x: float, par: Array) -> float:
 def run_in_factor(work: float, par: Array) -> float:
     """Fall of friction with the work dissipated so far [J]: two exponentials, a fast and a slow one."""
     done = work / par[at.S_WARMUP_WORK]
-    fall = 0.6 * (1.0 - math.exp(-done)) + 0.4 * (1.0 - math.exp(-done / SLOW_COMMIT))
+    fast = par[at.F_RUN_IN_FAST_SHARE]
+    fall = fast * (1.0 - math.exp(-done)) + (1.0 - fast) * (1.0 - math.exp(-done / par[at.F_RUN_IN_SLOWER]))
     return max(1.0 - par[at.H_WARMUP] * fall, 0.1)
 
 
@@ -79,7 +76,7 @@ def friction_coefficients(x: float, y: Array, par: Array) -> tuple[float, float,
         fs *= factor
         viscous *= factor * factor  # the lubricant thins more than the seal softens
     if par[at.H_DWELL] != 0.0:
-        fs += (fs - fc) * par[at.H_DWELL] * min(y[at.REST] ** DWELL_POWER, DWELL_LIMIT)
+        fs += (fs - fc) * par[at.H_DWELL] * min(y[at.REST] ** par[at.F_DWELL_POWER], DWELL_LIMIT)
     fc += par[at.H_ROLLING]
     fs += par[at.H_ROLLING]
     if par[at.H_CLAMP] != 0.0:
@@ -108,14 +105,14 @@ def friction_force(x: float, v: float, y: Array, par: Array) -> float:
     """Friction force [N] at the piston's place and speed in the bore, positive against positive motion."""
     fc, fs, vs, viscous = friction_coefficients(x, y, par)
     if par[at.H_VISCOUS] != 0.0:
-        viscous *= 1.0 + par[at.H_VISCOUS] * math.sqrt(abs(v) / 0.5)
+        viscous *= 1.0 + par[at.H_VISCOUS] * (abs(v) / 0.5) ** par[at.F_VISCOUS_POWER]
     z = y[at.Z]
     elastic = par[at.SIGMA0] * z
     rate = v - par[at.SIGMA0] * abs(v) / slip_level(v, y, fc, fs, vs, par) * z
     if par[at.H_MAXWELL] != 0.0:
         elements = 0.0
         for i in range(5):
-            elements += MAXWELL_SHARE[i] / MAXWELL_YIELD[i] * y[at.MAXWELL_0 + i]
+            elements += MAXWELL_SHARE[i] / MAXWELL_YIELD[i] ** par[at.F_MAXWELL_SPREAD] * y[at.MAXWELL_0 + i]
         elastic = (1.0 - par[at.H_MAXWELL]) * elastic + par[at.H_MAXWELL] * par[at.SIGMA0] * elements
     force = elastic + par[at.SIGMA1] * rate + viscous * v
     if par[at.H_DIRECTION] != 0.0:
@@ -135,13 +132,13 @@ def remember(x: float, v: float, y: Array, h: float, par: Array) -> None:
     """Move the bristle and friction's memories by ``h`` seconds at frozen velocity and pressures: exact solutions."""
     speed = abs(v)
     if par[at.H_FILM] != 0.0:
-        lag = par[at.H_FILM] if speed > y[at.FILM] else SQUEEZE * par[at.H_FILM]
+        lag = par[at.H_FILM] if speed > y[at.FILM] else par[at.F_FILM_SQUEEZE] * par[at.H_FILM]
         y[at.FILM] += (y[at.FILM] - speed) * math.expm1(-h / lag)
     if par[at.H_DWELL] != 0.0:
         if speed < AT_REST:
             y[at.REST] += h
         else:
-            y[at.REST] *= math.exp(-speed * h / REJUVENATION)
+            y[at.REST] *= math.exp(-speed * h / par[at.F_DWELL_WEAR])
     if par[at.H_WARMUP] != 0.0:
         y[at.WORK] += max(friction_force(x, v, y, par) * v, 0.0) * h
     if speed == 0.0:
@@ -152,5 +149,5 @@ def remember(x: float, v: float, y: Array, h: float, par: Array) -> None:
     y[at.Z] -= (steady - y[at.Z]) * math.expm1(-par[at.SIGMA0] * speed * h / g)
     if par[at.H_MAXWELL] != 0.0:
         for i in range(5):
-            most = MAXWELL_YIELD[i] * g / par[at.SIGMA0]
+            most = MAXWELL_YIELD[i] ** par[at.F_MAXWELL_SPREAD] * g / par[at.SIGMA0]
             y[at.MAXWELL_0 + i] = min(max(y[at.MAXWELL_0 + i] + v * h, -most), most)

@@ -14,14 +14,8 @@ from pneuid.virtual_rig.kernel.valve import leak
 Array = NDArray[np.float64]
 
 ADIABATIC = 1.4
-POCKET_PART = 1.0 / 3.0  # of the volume beyond the declared, the share that sits behind a bore
-POCKET_ROD_SIDE = 0.8  # the rod side has less of it
-POCKET_BORE = 0.25  # conductance of that bore over the valve's
-RING = 0.8  # share of the piston's area that the cushion shuts off
 RING_DEAD = 0.1  # share of the dead volume that belongs to the ring
-NEEDLE, CHECK_VALVE = 0.03, 0.30  # conductances out of and into the ring over the valve's
-TURBULENT = 0.03  # Darcy friction factor of a plastic tube
-FULLY_MIXED = 0.15  # inflow over the choked flow of the open valve above which jets no longer mix at once
+CHECK_VALVE = 0.30  # conductance into the ring over the valve's
 
 
 @compiled
@@ -43,14 +37,17 @@ def chamber(
         if par[at.H_MIXING] != 0.0:
             # Fresh gas enters as a jet of its own enthalpy, gas that leaves has had time to settle.
             strength = par[at.H_MIXING] / par[at.POLYTROPIC]
-            full = FULLY_MIXED * par[at.CONDUCTANCE] * par[at.REFERENCE_FLOW] * p
+            full = par[at.F_MIXING_FROM] * par[at.CONDUCTANCE] * par[at.REFERENCE_FLOW] * p
             entering, leaving = max(inflow, 0.0) + max(-outflow, 0.0), max(outflow, 0.0) + max(-inflow, 0.0)
-            net += strength * (entering * min(entering / full, 1.0) + leaving * min(leaving / full, 1.0))
+            share = par[at.F_MIXING_LEAVING]
+            net += strength * (entering * min(entering / full, 1.0) + share * leaving * min(leaving / full, 1.0))
         if warming != 0.0:
             net += max(inflow, 0.0) * warming / ambient
         return par[at.POLYTROPIC] / volume * (par[at.GAS_RT] * net - p * growth), 0.0
     r = par[at.GAS_RT] / ambient
-    conductance = par[at.H_HEAT] * (0.4 + 0.6 * volume / middle_volume) * (p / 4e5) ** 0.6
+    share = par[at.F_WALL_VOLUME]
+    walls = 1.0 - share + share * volume / middle_volume
+    conductance = par[at.H_HEAT] * walls * (p / 4e5) ** par[at.F_WALL_PRESSURE]
     t_in = ambient + warming if inflow >= 0.0 else temperature
     t_out = temperature if outflow >= 0.0 else ambient
     heat = conductance * (ambient - temperature)
@@ -62,10 +59,11 @@ def chamber(
 @compiled
 def pocket_flow(side: int, y: Array, par: Array, dy: Array) -> float:
     """Mass flow [kg/s] from a chamber into the side pocket of its dead volume, whose pressure rate is set."""
-    extra = par[at.H_POCKET] * (1.0 if side == 0 else POCKET_ROD_SIDE)
-    volume = par[at.DEAD_1 + side] * POCKET_PART * extra / (1.0 + (1.0 - POCKET_PART) * extra)
+    extra = par[at.H_POCKET] * (1.0 if side == 0 else par[at.F_POCKET_ROD_SIDE])
+    part = par[at.F_POCKET_SHARE]
+    volume = par[at.DEAD_1 + side] * part * extra / (1.0 + (1.0 - part) * extra)
     t = y[at.T1 + side]
-    flow = leak(POCKET_BORE, y[at.P1 + side], y[at.POCKET_1 + side], t, t, par)
+    flow = leak(par[at.F_POCKET_BORE], y[at.P1 + side], y[at.POCKET_1 + side], t, t, par)
     dy[at.POCKET_1 + side] = par[at.POLYTROPIC] * par[at.GAS_RT] / volume * flow
     return flow
 
@@ -74,7 +72,7 @@ def pocket_flow(side: int, y: Array, par: Array, dy: Array) -> float:
 def ring_flow(side: int, y: Array, par: Array) -> float:
     """Mass flow [kg/s] out of the cushion's ring into the rest of the chamber: needle out, check valve in."""
     ring, rest, t = y[at.CUSHION_1 + side], y[at.P1 + side], y[at.T1 + side]
-    return leak(NEEDLE if ring >= rest else CHECK_VALVE, ring, rest, t, t, par)
+    return leak(par[at.F_CUSHION_NEEDLE] if ring >= rest else CHECK_VALVE, ring, rest, t, t, par)
 
 
 @compiled
@@ -87,7 +85,8 @@ def merge_ring(side: int, room: float, y: Array, par: Array) -> None:
     if room < par[at.H_CUSHION] * par[at.STROKE] or ring == rest:
         return
     dead, area = par[at.DEAD_1 + side], par[at.AREA_1 + side]
-    inside, outside = RING_DEAD * dead + RING * area * room, (1.0 - RING_DEAD) * dead + (1.0 - RING) * area * room
+    shut = par[at.F_CUSHION_RING] * area
+    inside, outside = RING_DEAD * dead + shut * room, (1.0 - RING_DEAD) * dead + (area - shut) * room
     y[at.P1 + side] = y[at.CUSHION_1 + side] = (ring * inside + rest * outside) / (inside + outside)
 
 
@@ -101,13 +100,14 @@ def chamber_rates(
     warming = y[at.WARMING]
     if par[at.H_CUSHION] != 0.0 and room < par[at.H_CUSHION] * par[at.STROKE]:
         flow = ring_flow(side, y, par)
-        ring_volume = max(RING_DEAD * dead + RING * area * room, 0.5 * RING_DEAD * dead)
+        shut = par[at.F_CUSHION_RING] * area
+        ring_volume = max(RING_DEAD * dead + shut * room, 0.5 * RING_DEAD * dead)
         ring, _ = chamber(
-            y[at.CUSHION_1 + side], t, ring_volume, RING * area * growth_speed, 0.0, flow, ring_volume, 0.0, par
+            y[at.CUSHION_1 + side], t, ring_volume, shut * growth_speed, 0.0, flow, ring_volume, 0.0, par
         )
         dy[at.CUSHION_1 + side] = ring
-        volume = (1.0 - RING_DEAD) * dead + (1.0 - RING) * area * room
-        growth = (1.0 - RING) * area * growth_speed
+        volume = (1.0 - RING_DEAD) * dead + (area - shut) * room
+        growth = (area - shut) * growth_speed
         dy[at.P1 + side], dy[at.T1 + side] = chamber(p, t, volume, growth, inflow + flow, outflow, middle, warming, par)
         return
     volume = dead + area * room
@@ -131,6 +131,6 @@ def line_rates(side: int, from_valve: float, y: Array, par: Array, dy: Array) ->
     sound = ADIABATIC * par[at.GAS_RT]
     dy[first] = sound / (0.25 * volume + par[at.S_PORT_VOLUME]) * (from_valve - into)
     dy[first + 1] = sound / (0.5 * volume) * (into - out)
-    drag = TURBULENT * par[at.GAS_RT] / (2.0 * math.sqrt(4.0 * area / math.pi) * area)
+    drag = par[at.F_TUBE_DRAG] * par[at.GAS_RT] / (2.0 * math.sqrt(4.0 * area / math.pi) * area)
     dy[first + 2] = 2.0 * area / length * (head - half_way) - drag / half_way * into * abs(into)
     dy[first + 3] = 2.0 * area / length * (half_way - y[at.P1 + side]) - drag / half_way * out * abs(out)

@@ -12,11 +12,7 @@ from pneuid.virtual_rig.kernel.compiled import compiled
 
 Array = NDArray[np.float64]
 
-CONTACT_STIFFNESS = 5.0e5  # N/m, of the flanks that a load behind play strikes
-CONTACT_DAMPING_RATIO = 0.3
 GUIDE = 0.5  # 1/s, viscous drag of the load's own guide over its mass
-BRACKET_DAMPING_RATIO = 0.05
-BRACKET_HARDENS_AT = 0.5e-3  # m, deflection at which the bracket is twice as stiff
 DETENT_WIDTH = 0.04  # of the stroke
 
 
@@ -38,7 +34,8 @@ def load_force(x: float, v: float, par: Array) -> float:
         force += par[at.H_PULL] * (1.0 + 0.06 * (x / par[at.STROKE] - 0.5))  # a constant-force spring is not quite
     from_middle = x / par[at.STROKE] - 0.5
     if par[at.H_SPRING] != 0.0:
-        force += par[at.H_SPRING] * par[at.STROKE] * from_middle * (1.0 + from_middle * from_middle)
+        pulled = x / par[at.STROKE] - par[at.F_SPRING_CENTRE]
+        force += par[at.H_SPRING] * par[at.STROKE] * pulled * (1.0 + par[at.F_SPRING_HARDENING] * pulled * pulled)
     if par[at.H_COGGING] != 0.0:
         # teeth with flat flanks
         force += par[at.H_COGGING] * min(max(1.6 * math.sin(2.0 * math.pi * x / par[at.S_PITCH]), -1.0), 1.0)
@@ -56,11 +53,12 @@ def flank_force(y: Array, par: Array) -> float:
     ahead, closing = y[at.LOAD_X] - y[at.X], y[at.LOAD_V] - y[at.V]
     half = 0.5 * par[at.H_BACKLASH]
     light = par[at.MASS] * par[at.S_LOAD_MASS] / (par[at.MASS] + par[at.S_LOAD_MASS])
-    damping = 2.0 * CONTACT_DAMPING_RATIO * math.sqrt(CONTACT_STIFFNESS * light)
+    stiffness = par[at.F_CONTACT_STIFFNESS]
+    damping = 2.0 * par[at.F_CONTACT_DAMPING] * math.sqrt(stiffness * light)
     if ahead > half:
-        return max(CONTACT_STIFFNESS * (ahead - half) + damping * closing, 0.0)
+        return max(stiffness * (ahead - half) + damping * closing, 0.0)
     if ahead < -half:
-        return min(CONTACT_STIFFNESS * (ahead + half) + damping * closing, 0.0)
+        return min(stiffness * (ahead + half) + damping * closing, 0.0)
     return 0.0
 
 
@@ -75,7 +73,7 @@ def load_rates(flank: float, y: Array, par: Array, dy: Array) -> None:
 def body_rates(force: float, y: Array, par: Array, dy: Array) -> None:
     """Motion of the cylinder's body on its bracket under ``force`` [N] in +x."""
     stiffness, mass = 1.0 / par[at.H_COMPLIANCE], par[at.S_BODY_MASS]
-    bent = y[at.BODY_X] / BRACKET_HARDENS_AT
-    damping = 2.0 * BRACKET_DAMPING_RATIO * math.sqrt(stiffness * mass)
+    bent = y[at.BODY_X] / par[at.F_BRACKET_HARDENS_AT]
+    damping = 2.0 * par[at.F_BRACKET_DAMPING] * math.sqrt(stiffness * mass)
     dy[at.BODY_X] = y[at.BODY_V]
     dy[at.BODY_V] = (force - stiffness * y[at.BODY_X] * (1.0 + bent * bent) - damping * y[at.BODY_V]) / mass

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pneuid.virtual_rig import layout as at
 from pneuid.virtual_rig.kernel.compiled import compiled, entry
 from pneuid.virtual_rig.kernel.friction import friction_force, remember
-from pneuid.virtual_rig.kernel.gas import RING, chamber_rates, line_rates, merge_ring, pocket_flow
+from pneuid.virtual_rig.kernel.gas import chamber_rates, line_rates, merge_ring, pocket_flow
 from pneuid.virtual_rig.kernel.load import body_rates, flank_force, load_force, load_rates, stop_force
 from pneuid.virtual_rig.kernel.valve import leak, supply_and_exhaust_rates, take_up_play, valve_flows
 
@@ -57,7 +57,7 @@ def gas_rates(u: float, supply: float, y: Array, par: Array, dy: Array) -> None:
     fill_1, vent_1, fill_2, vent_2 = valve_flows(spool, port_1, port_2, ps, exhaust, y, par)
     supply_and_exhaust_rates(fill_1 + fill_2, vent_1 + vent_2, ps, supply, y, par, dy)
     if par[at.H_LAG] != 0.0:
-        fastest = 0.5 * par[at.FULL_SCALE] / par[at.H_LAG]
+        fastest = par[at.F_SLEW] * par[at.FULL_SCALE] / par[at.H_LAG]
         dy[at.SPOOL] = min(max((u - spool) / par[at.H_LAG], -fastest), fastest)
     if piped:
         line_rates(0, fill_1 - vent_1, y, par, dy)
@@ -79,7 +79,8 @@ def force_rates(y: Array, par: Array, dy: Array) -> None:
     x, v, patm = y[at.X] - y[at.BODY_X], y[at.V] - y[at.BODY_V], par[at.PATM]
     drive = (y[at.P1] - patm) * par[at.AREA_1] - (y[at.P2] - patm) * par[at.AREA_2]
     if par[at.H_CUSHION] != 0.0:
-        drive += RING * (par[at.AREA_1] * (y[at.CUSHION_1] - y[at.P1]) - par[at.AREA_2] * (y[at.CUSHION_2] - y[at.P2]))
+        ring_1, ring_2 = y[at.CUSHION_1] - y[at.P1], y[at.CUSHION_2] - y[at.P2]
+        drive += par[at.F_CUSHION_RING] * (par[at.AREA_1] * ring_1 - par[at.AREA_2] * ring_2)
     friction, stop = friction_force(x, v, y, par), stop_force(x, v, par)
     flank = 0.0
     if par[at.H_BACKLASH] != 0.0:

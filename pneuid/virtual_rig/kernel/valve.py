@@ -73,17 +73,24 @@ def leak(fraction: float, here: float, there: float, t_here: float, t_there: flo
 
 
 @compiled
-def edge(travel: float, overlap: float) -> float:
-    """Opening of one metering edge at a positive travel towards it; overlapped lands open rounded."""
+def edge(travel: float, overlap: float, rounded: float) -> float:
+    """Opening of one metering edge at a positive travel towards it; overlapped lands open over
+    a part ``rounded`` of the overlap."""
     if overlap == 0.0:
         return min(travel, 1.0)
     beyond = travel - overlap
-    rounding = 0.6 * overlap
+    rounding = rounded * overlap
     if beyond <= -rounding:
         return 0.0
     if beyond < rounding:
         return min((beyond + rounding) ** 2 / (4.0 * rounding), 1.0)
     return min(beyond, 1.0)
+
+
+@compiled
+def play(i: int, par: Array) -> float:
+    """Half width of the hysteresis' play ``i`` as a fraction of full scale."""
+    return (1.0 + (PLAY_RADIUS[i] - 1.0) * par[at.F_PLAY_SPREAD]) * par[at.H_HYSTERESIS]
 
 
 @compiled
@@ -93,7 +100,7 @@ def spool_travel(spool: float, y: Array, par: Array) -> float:
     if par[at.H_HYSTERESIS] != 0.0:
         command, travel = travel, 0.0
         for i in range(3):
-            half = PLAY_RADIUS[i] * par[at.H_HYSTERESIS]
+            half = play(i, par)
             travel += PLAY_WEIGHT[i] * min(max(y[at.PLAY_0 + i], command - half), command + half)
     travel += par[at.H_OFFSET]
     return travel * (1.0 + math.copysign(par[at.H_ASYMMETRY], travel))
@@ -104,23 +111,25 @@ def take_up_play(spool: float, y: Array, par: Array) -> None:
     """Let the plays of the hysteresis follow the spool command [V]."""
     command = (spool - par[at.NULL]) / par[at.FULL_SCALE]
     for i in range(3):
-        half = PLAY_RADIUS[i] * par[at.H_HYSTERESIS]
+        half = play(i, par)
         y[at.PLAY_0 + i] = min(max(y[at.PLAY_0 + i], command - half), command + half)
 
 
 @compiled
 def openings(travel: float, par: Array) -> tuple[float, float, float, float]:
     """Openings of the edges supply to 1, 1 to exhaust, supply to 2, 2 to exhaust, as fractions of full."""
-    lap = par[at.H_LAP]
+    lap, differ, rounded = par[at.H_LAP], par[at.F_LAP_SPREAD], par[at.F_LAP_ROUNDING]
     fill_1 = vent_2 = fill_2 = vent_1 = 0.0
     if travel > 0.0:
-        fill_1, vent_2 = edge(travel, 1.08 * lap), edge(travel, 0.90 * lap)
+        fill_1 = edge(travel, (1.0 + 0.08 * differ) * lap, rounded)
+        vent_2 = edge(travel, (1.0 - 0.10 * differ) * lap, rounded)
     elif travel < 0.0:
-        fill_2, vent_1 = edge(-travel, 0.97 * lap), edge(-travel, 1.05 * lap)
+        fill_2 = edge(-travel, (1.0 - 0.03 * differ) * lap, rounded)
+        vent_1 = edge(-travel, (1.0 + 0.05 * differ) * lap, rounded)
     clearance = par[at.H_NULL_LEAK]
     if clearance != 0.0:
         # A land that covers its port still passes gas through the clearance, the less the further it covers.
-        covered = clearance / (1.0 + abs(travel) / clearance)
+        covered = clearance / (1.0 + abs(travel) / (par[at.F_CLEARANCE_FADE] * clearance))
         opened = math.sqrt(travel * travel + clearance * clearance) - abs(travel)
         if travel >= 0.0:
             fill_1, vent_2, fill_2, vent_1 = fill_1 + opened, vent_2 + opened, covered, covered
@@ -162,7 +171,7 @@ def supply_and_exhaust_rates(
         dy[at.PSUP] = 1.1 * par[at.GAS_RT] / par[at.S_TANK] * (feed - fills)
     if par[at.H_EXHAUST] != 0.0:
         out = leak(1.0 / par[at.H_EXHAUST], y[at.PEXH], par[at.PATM], ambient, ambient, par)
-        dy[at.PEXH] = par[at.GAS_RT] / (2.0 * par[at.S_PORT_VOLUME]) * (vents - out)
+        dy[at.PEXH] = par[at.GAS_RT] / (par[at.F_GALLERY] * par[at.S_PORT_VOLUME]) * (vents - out)
     if par[at.H_SUPPLY_HEAT] != 0.0:
         full = par[at.CONDUCTANCE] * par[at.REFERENCE_FLOW] * supply
         dy[at.WARMING] = (par[at.H_SUPPLY_HEAT] * min(max(fills, 0.0) / (0.1 * full), 1.0) - y[at.WARMING]) / 3.0
