@@ -21,6 +21,10 @@ ENOUGH, OVER = 0.8, 1.2
 """Share of the predicted gain that a warm refit must reach, and the cost over the predicted one that it may leave, before it is
 believed without another start."""
 
+NEXT_TO_OFF = 0.02
+"""Share of the way to the start values from which a warm refit begins again that ended dearer than what it came from: with the
+effect next to off that model is within reach, and cannot be lost."""
+
 
 @dataclass(frozen=True)
 class Standing:
@@ -62,20 +66,26 @@ def refit(base: Standing, asked: Asked, order: Sequence[str], monitor: Monitor |
 
     First warm, from the base's values and nodes and ``asked.way`` to the start values: what the base is linear in gets there
     in one step anyway, and beyond the linear range the whole way may overshoot into another minimum. Where that falls short of
-    what screening predicts, again from the data's own guess where the refit shall be ``thorough``. On a bench, where a base
+    what screening predicts, again from the data's own guess where the refit shall be ``thorough``; where it ends dearer than the
+    base, from next to off before. On a bench, where a base
     model that lacks something often ends with a friction from which no step leads back, a thorough refit always starts twice
     and another one where the first start falls short. The better one is kept.
     """
     plant, values = _plant_with(base, asked, order)
     off = {item.name: item.off for item in plant.parameters if item.off is not None}
-    part = {name: off[name] + asked.way * (value - off[name]) for name, value in asked.start.items() if name in off}
-    part |= _break_away(base) if asked.anew else {}
+
+    def begun(way: float) -> dict[str, float]:
+        """The values to start from, the effect's amplitudes that part of their way from off."""
+        return values | {name: off[name] + way * (value - off[name]) for name, value in asked.start.items() if name in off}
+
     if plant.law is not base.plant.law:
         return _fitted(base, plant, values, monitor)
     effect_values = {name: value for name, value in values.items() if plant.owner[name] is not None}
     if asked.cold:
         return _fitted(base, plant, effect_values, monitor)
-    warm = _warm(base, plant, values | part, monitor)
+    warm = _warm(base, plant, begun(asked.way) | (_break_away(base) if asked.anew else {}), monitor)
+    if not asked.anew and not warm.loose_cost < base.loose_cost:
+        warm = min((warm, _warm(base, plant, begun(NEXT_TO_OFF), monitor)), key=lambda end: end.loose_cost)
     predicted = base.loose_cost * (1.0 - asked.gain)
     enough = warm.loose_cost < base.loose_cost * (1.0 - ENOUGH * asked.gain) and warm.loose_cost < OVER * predicted
     twice = (asked.thorough and not enough) if plant.servo else (asked.thorough or not enough)
