@@ -66,10 +66,10 @@ def refit(base: Standing, asked: Asked, order: Sequence[str], monitor: Monitor |
 
     First warm, from the base's values and nodes and ``asked.way`` to the start values: what the base is linear in gets there
     in one step anyway, and beyond the linear range the whole way may overshoot into another minimum. Where that falls short of
-    what screening predicts, again from the data's own guess where the refit shall be ``thorough``; where it ends dearer than the
-    base, from next to off before. On a bench, where a base
-    model that lacks something often ends with a friction from which no step leads back, a thorough refit always starts twice
-    and another one where the first start falls short. The better one is kept.
+    what screening predicts, again from the data's own guess where the refit shall be ``thorough``; where it ends dearer than
+    the base, from next to off before. On a bench, where a base model that lacks something often ends with a friction from which
+    no step leads back, a thorough refit always starts twice and another one where the first start falls short. The better one
+    is kept.
     """
     plant, values = _plant_with(base, asked, order)
     off = {item.name: item.off for item in plant.parameters if item.off is not None}

@@ -25,6 +25,7 @@ from pneuid.estimation.stages import (
 )
 from pneuid.estimation.starts import break_aways
 from pneuid.estimation.task import Task, inside, values_at
+from pneuid.estimation.tightly import tightly
 
 DEARER = 0.01
 """Relative rise of the relaxed cost up to which a break-away seen along windows is taken: that cost hardly sees it."""
@@ -37,8 +38,25 @@ Way = Callable[[], Exact | None]
 
 
 def exact_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
-    """The exact stage, where the relaxed one came near enough."""
+    """The exact stage, where the relaxed one came near enough: straight from there, else from a cheaper relaxed fit."""
     end = End(problem, soft, interrupted=soft.outcome.status == INTERRUPTED)
+    if end.interrupted:
+        return end
+    straight = end.near and within_reach(problem, soft.outcome)
+    if straight:
+        end = _sharp(task, end, partial(exact_stage, problem, soft.outcome, task.monitor))
+        if end.interrupted or not end.doubtful:
+            return end
+    found = tightly(task, (problem, soft))
+    if found[1] is soft:
+        return _by_ways(task, end, straight)
+    other = End(*found, interrupted=found[1].outcome.status == INTERRUPTED)
+    return better(end, _by_ways(task, other, False)) if end.hard is not None else _by_ways(task, other, False)
+
+
+def _by_ways(task: Task, end: End, tried: bool) -> End:
+    """``end`` with the best exact fit that one way after the other leads to; ``tried`` : whether the straight one has been."""
+    problem, soft = end.problem, end.soft
     if end.interrupted or not end.near:
         return end
     grown: list[Grown] = []
@@ -48,8 +66,8 @@ def exact_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
         grown.append(found)
         return hard
 
-    paths = 0
-    for way in _ways(task, problem, soft, windows):
+    paths = int(end.hard is not None)
+    for way in islice(_ways(task, problem, soft, windows), int(tried), None):
         found = _sharp(task, end, way)
         end, paths = better(end, found), paths + (found.hard is not None)
         if end.interrupted or not end.doubtful:

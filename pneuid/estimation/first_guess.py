@@ -29,7 +29,7 @@ BREAK_AWAY = ("Fs", "vs", "sigma0", "sigma1")
 """Parameters of the base model that show at break-away and next to nowhere else."""
 
 TYPICAL_VS = 0.01
-TYPICAL_DEFLECTION = 4.0e-5
+TYPICAL_DEFLECTION, TYPICAL_DAMPING = 4.0e-5, 0.4
 """Deflection in m at which a seal breaks away; gives the stiffness a start."""
 
 _OPEN_RANGES = {"p1_low": 0.0, "p1_high": 1e9, "p2_low": 0.0, "p2_high": 1e9, "x_low": 0.0, "x_high": 1.0}
@@ -108,10 +108,15 @@ def _mechanics(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion]) -> di
     return {name: guess[name] for name in plant.law.fitted}
 
 
-def typical_presliding(plant: Plant, Fs: float) -> dict[str, float]:
-    """Stiffness in N/m and damping in N s/m of a seal that breaks away at ``Fs`` (N) after a typical deflection."""
-    sigma0 = Fs / TYPICAL_DEFLECTION
-    return {"sigma0": sigma0, "sigma1": 0.4 * float(np.sqrt(sigma0 * plant.rig.mass))}
+def typical_presliding(plant: Plant, Fs: float, deflection: float = TYPICAL_DEFLECTION) -> dict[str, float]:
+    """Stiffness in N/m and damping in N s/m of a seal that breaks away at ``Fs`` (N) after a ``deflection`` (m)."""
+    sigma0 = Fs / deflection
+    return {"sigma0": sigma0, "sigma1": typical_damping(plant, sigma0)}
+
+
+def typical_damping(plant: Plant, sigma0: float) -> float:
+    """Micro-viscous damping in N s/m of a seal with the stiffness ``sigma0`` (N/m)."""
+    return TYPICAL_DAMPING * float(np.sqrt(sigma0 * plant.rig.mass))
 
 
 def first_guess(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion]) -> dict[str, float]:

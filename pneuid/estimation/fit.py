@@ -26,12 +26,10 @@ from pneuid.estimation.stages import (
 )
 from pneuid.estimation.starts import from_far, from_near, softer
 from pneuid.estimation.task import Task, relaxed_fit, values_at
+from pneuid.estimation.tightly import SURE
 from pneuid.estimation.uncertainty import Uncertainty, verdicts
 from pneuid.plant import Plant
 from pneuid.recording import Recording
-
-SURE = 5.0
-"""Half the sum of squares by which another start's end must be better: 3 standard deviations of a parameter."""
 
 BEYOND_CHANCE = (
     "residual {:.1%} above the sensors' noise, more than chance leaves: what causes it (something missing, the sample rate, a "
@@ -192,6 +190,7 @@ def _end(task: Task, start: Mapping[str, float], exact: bool, before: Sequence[E
         end = better(end, exact_end(task, *other))
     if start or end.interrupted or end.lacking or end.hard is not None:
         return end
+    found = end.problem, end.soft
     other = _doubted(task, found)
     if other is found:
         return end

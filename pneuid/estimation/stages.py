@@ -162,6 +162,13 @@ def relaxed_stage(problem: Shooting, X0: np.ndarray, monitor: Monitor | None, se
     return Relaxed(soft, level, loose)
 
 
+def tight_stage(problem: Shooting, X0: np.ndarray, monitor: Monitor | None, settling: Settling = USUAL) -> Relaxed:
+    """Tight defects from the start, where break-away is about right."""
+    problem.relaxation = TIGHT
+    soft = solve_relaxed(problem, X0, monitor, settling)
+    return Relaxed(soft, _level(problem, soft), None)
+
+
 def relaxed_again(problem: Shooting, X0: np.ndarray, monitor: Monitor | None) -> Relaxed:
     """Tight defects at once, from parameters that are all but right already."""
     problem.relaxation = TIGHT

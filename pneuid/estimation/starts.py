@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from pneuid.estimation.first_guess import BREAK_AWAY, typical_presliding
+from pneuid.estimation.first_guess import BREAK_AWAY, TYPICAL_VS, typical_damping, typical_presliding
 from pneuid.plant import Plant
 
 SOFTER = {"sigma0": 0.3, "sigma1": 0.6, "vs": 2.0}
@@ -25,6 +25,12 @@ SOFT = 3.0
 HIGH, NARROW = 3.0, 3.0e-3
 """Static over Coulomb friction, and Stribeck velocity in m/s, from which break-away under laws of pressure starts as well:
 where it is so, a fit from a low and wide one flattens the peak and bends the laws of the Stribeck velocity instead."""
+
+DEFLECTIONS = (20e-6, 50e-6)
+"""Deflections in m at which seals break away, from which tight defects find the right parameters."""
+
+LOWEST_PEAK, TYPICAL_PEAK = 1.1, 1.6
+"""Lowest and typical static friction over Coulomb friction."""
 
 Values = Mapping[str, float]
 
@@ -55,6 +61,27 @@ def from_far(plant: Plant, guess: Values, best: Values, turn: int) -> dict[str, 
         return softer(plant, guess)
     fresh = typical_presliding(plant, best.get("Fs", best["Fc"]))
     return {**best, **{name: value for name, value in fresh.items() if name in best}}
+
+
+def seals(plant: Plant, values: Values) -> list[dict[str, float]]:
+    """``values`` (SI) with the break-away of typical seals, of two deflections each: with the peak of friction that they have,
+    within what seals have, and with a typical one. Laws of break-away keep their peak.
+    """
+    own = float(np.clip(values.get("Fs", values["Fc"]), LOWEST_PEAK * values["Fc"], HIGH * values["Fc"]))
+    laws = any(effect.break_away(values, HIGH) for effect in plant.effects)
+    typical = {} if laws or "Fs" not in values else {"Fs": TYPICAL_PEAK * values["Fc"], "vs": TYPICAL_VS}
+    peaks = [{"Fs": own}, typical] if typical else [{}]
+    every = [
+        peak | typical_presliding(plant, peak.get("Fs", own), deflection) for peak in peaks for deflection in DEFLECTIONS
+    ]
+    return [{**values, **{name: value for name, value in one.items() if name in values}} for one in every]
+
+
+def damped(plant: Plant, values: Values) -> dict[str, float]:
+    """``values`` (SI) with the micro-viscous damping of a typical seal of their stiffness."""
+    if "sigma1" not in values:
+        return dict(values)
+    return {**values, "sigma1": typical_damping(plant, values["sigma0"])}
 
 
 def break_aways(plant: Plant, relaxed: Values) -> Iterator[dict[str, float]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -99,13 +99,17 @@ def node_every(dt: float) -> int:
     return int(np.clip(round(NODE_SECONDS / dt), 2, NODE_EVERY))
 
 
-def relaxed_fit(task: Task, start: Mapping[str, float]) -> tuple[Shooting, Relaxed]:
-    """The relaxed problem and its solution, with as many substeps as the parameters found need."""
+Stage = Callable[[Shooting, np.ndarray, Monitor | None, Settling], Relaxed]
+"""How a relaxed problem is solved from a point."""
+
+
+def relaxed_fit(task: Task, start: Mapping[str, float], stage: Stage = relaxed_stage) -> tuple[Shooting, Relaxed]:
+    """The relaxed problem and its solution by a ``stage``, with as many substeps as the parameters found need."""
     values = task.guess | dict(start)
     problem = task.problem(values, task.substeps(values))
     nodes = task.nodes(values, problem.samples)
     while True:
-        soft = relaxed_stage(problem, problem.join(inside(problem, values), nodes), task.monitor, task.loosely)
+        soft = stage(problem, problem.join(inside(problem, values), nodes), task.monitor, task.loosely)
         values, nodes = values_at(problem, soft.outcome.X), problem.split(soft.outcome.X)[1]
         needed = task.substeps(values)
         if needed <= problem.substeps or soft.outcome.status == INTERRUPTED:
