@@ -104,16 +104,6 @@ def _force_error(found: Fit) -> float:
     return typical(predict(Frozen.of(found), found.runs), found.plant.outputs)["F"]
 
 
-def afresh(base: Standing, monitor: Monitor | None = None) -> Fit | None:
-    """The same model fitted from its own values, but break-away read anew from the data; None for a law without any.
-
-    Before the effect was in the model, static friction, Stribeck velocity, stiffness and damping went wherever they excused it.
-    A refit that starts from there mostly stays there: sticks break away in the wrong interval, and no step leads out of that.
-    """
-    fresh = _break_away(base)
-    return _fitted(base, base.plant, {**base.values, **fresh}, monitor) if fresh else None
-
-
 def by_sliding(base: Standing, monitor: Monitor | None = None) -> list[Fit]:
     """The same model fitted from its own values, but friction from the laws of sliding read off the data; none where its
     break-away has no laws."""

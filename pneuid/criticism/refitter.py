@@ -9,10 +9,10 @@ from functools import partial
 from importlib.metadata import version
 from typing import Any
 
-from pneuid.criticism.refits import Asked, Standing, afresh, by_sliding, on_runs, refit, without
+from pneuid.criticism.refits import Asked, Standing, by_sliding, on_runs, refit, without
 from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
 from pneuid.effects._own_file import own_effects
-from pneuid.estimation.fit import Fit, completed
+from pneuid.estimation.fit import Fit, completed, sharper
 from pneuid.estimation.preparation import Run
 from pneuid.estimation.solution import Solution
 from pneuid.estimation.solver import Monitor
@@ -94,9 +94,9 @@ class Refitter:
         for i, one in enumerate(asked):
             yield one, partial(wait, i)
 
-    def afresh(self, base: Fit) -> Fit | None:
-        """The same model from a fresh reading of break-away, None where its law has none."""
-        return afresh(Standing.of(base), self.monitor)
+    def sharper(self, found: Fit) -> Fit:
+        """The fit, or a cheaper one of the same model from fresh readings of break-away."""
+        return sharper(found, self.monitor)
 
     def by_sliding(self, base: Fit) -> list[Fit]:
         """The same model from the laws of sliding friction, where its break-away has laws."""

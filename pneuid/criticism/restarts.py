@@ -95,8 +95,8 @@ def read_anew(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial
     if trial.whole - 1.0 < judge.small:
         return trial
     say(f"{trial.added}: break-away read anew")
-    again = [refitter.afresh(trial.fit), *refitter.by_sliding(trial.fit)]
-    ends = [trial, *(judge.trial(one, trial.added) for one in again if one is not None)]
+    again = [refitter.sharper(trial.fit), *refitter.by_sliding(trial.fit)]
+    ends = [trial, *(judge.trial(one, trial.added) for one in again if one is not trial.fit)]
     return min(ends, key=judge.fits)
 
 

@@ -159,6 +159,23 @@ def completed(found: Fit, monitor: Monitor | None = None) -> Fit:
     return found if end.hard is None else result_of(end, found.noise, found.seconds + time.monotonic() - began)
 
 
+def sharper(found: Fit, monitor: Monitor | None = None) -> Fit:
+    """``found``, or a cheaper relaxed fit of the same model with break-away read anew: see ``tightly``.
+
+    Raises ``Interrupted`` with the best so far after a ctrl-C.
+    """
+    began = time.monotonic()
+    task = Task(found.plant, [run.recording for run in found.runs], found.runs, {}, monitor, again=True)
+    before = (found.problem, Relaxed(found.relaxed, found.defect_level, found.loose))
+    problem, soft = tightly(task, before)
+    if soft is before[1]:
+        return found
+    best = result_of(End(problem, soft), found.noise, found.seconds + time.monotonic() - began)
+    if soft.outcome.status == INTERRUPTED:
+        raise Interrupted(replace(best, converged=False, status=f"interrupted, best so far; {best.status}"))
+    return best
+
+
 def _ends(task: Task, start: Mapping[str, float], exact: bool) -> list[End]:
     """Where one start after the other leads, until one is settled."""
     ends = []
