@@ -299,7 +299,7 @@ def _other(found: Found, equations: set[str]) -> bool:
 
 
 def _takes_place(alone: Found, left: float, excess: float) -> bool:
-    """Whether a term beside no effect explains clearly more than effects that leave ``left`` of the squared held-out ``excess``.
+    """Whether a term beside no effect explains clearly more than effects that leave that much of the squared ``excess``.
 
     What explains nearly all need only explain more, unless the effects do so as well.
     """

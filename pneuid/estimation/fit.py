@@ -26,7 +26,7 @@ from pneuid.estimation.stages import (
 )
 from pneuid.estimation.starts import from_far, from_near, softer
 from pneuid.estimation.task import Task, relaxed_fit, values_at
-from pneuid.estimation.tightly import SURE
+from pneuid.estimation.tightly import SURE, tightly
 from pneuid.estimation.uncertainty import Uncertainty, verdicts
 from pneuid.plant import Plant
 from pneuid.recording import Recording
