@@ -205,8 +205,8 @@ def _end(task: Task, start: Mapping[str, float], exact: bool, before: Sequence[E
             break
         # relaxed costs do not tell a wrong break-away from the right one where both are near: the exact residual does
         end = better(end, exact_end(task, *other))
-    if start or end.interrupted or end.lacking or end.hard is not None:
-        return end
+    if start or end.interrupted or end.lacking or end.hard is not None or (exact and end.near):
+        return end  # the exact stage has looked at other break-aways already
     found = end.problem, end.soft
     other = _doubted(task, found)
     if other is found:

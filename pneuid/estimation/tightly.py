@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
-from pneuid.estimation.shooting import Shooting
+from pneuid.estimation.shooting import TIGHT, Shooting
 from pneuid.estimation.solver import INTERRUPTED
 from pneuid.estimation.stages import End, Relaxed, tight_stage
 from pneuid.estimation.starts import damped, seals
@@ -21,7 +21,7 @@ SURE = 5.0
 
 
 def tightly(task: Task, found: Found) -> Found:
-    """The cheapest of a relaxed fit and of others with tight defects from the start, which costs more than loose ones do.
+    """The cheapest of a relaxed fit and of others with tight defects from the start, with which the same end costs more.
 
     Loose defects take up what a break-away does, and let the bristle become stiff and undamped, or its static friction high and
     narrow, from where tight ones do not come back. From break-away as it was found, or of a typical seal, with every node read
@@ -31,7 +31,10 @@ def tightly(task: Task, found: Found) -> Found:
         return found
     task = replace(task, known={})
     values = values_at(found[0], found[1].outcome.X)
-    best = _cheapest(task, found, [values, *seals(task.plant, values)])
+    best = _cheapest(task, found, [values])
+    if best is found and found[0].relaxation != TIGHT:
+        return found  # as a rule the model lacks something
+    best = _cheapest(task, best, seals(task.plant, values))
     for _ in range(ROUNDS):
         if best is found or best[1].outcome.status == INTERRUPTED:
             break
