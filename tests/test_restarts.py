@@ -21,7 +21,7 @@ def test_break_away_is_read_anew_where_the_training_runs_fit_better_for_it(train
     accepted = replace(stub(2.0, 27_000.0, "gravity"), train={"x": 100.0})
     other = replace(stub(1.5, 26_900.0, "gravity"), train={"x": training})
     judge = SimpleNamespace(small=0.15, trial=lambda *_: other, fits=lambda trial: trial.train["x"])
-    refitter = SimpleNamespace(afresh=lambda fit: fit, by_sliding=lambda _: [])
+    refitter = SimpleNamespace(sharper=lambda _: other.fit, by_sliding=lambda _: [])
     assert restarts.read_anew(accepted, judge, refitter, lambda _: None) is (other if taken else accepted)
 
 

@@ -15,7 +15,7 @@ from pneuid.criticism.trial import Trial
 from pneuid.effects import CATALOGUE
 
 
-def _looks(monkeypatch, errors, scores, tried=(), defects=(), afresh=None, jumps=None, large=()):
+def _looks(monkeypatch, errors, scores, tried=(), defects=(), sharper=None, jumps=None, large=()):
     """A second look with scripted held-out errors, and costs of the training runs where not 27 000; what it made, and found.
 
     ``jumps`` are drops that steps of a typical size promise, none where it has none.
@@ -32,7 +32,7 @@ def _looks(monkeypatch, errors, scores, tried=(), defects=(), afresh=None, jumps
     )  # fmt: skip
     refitter = Counting()
     refitter.order = list(CATALOGUE)  # type: ignore[attr-defined]
-    refitter.afresh = lambda _: afresh  # type: ignore[attr-defined]
+    refitter.sharper = lambda fit: sharper or fit  # type: ignore[attr-defined]
     refitter.by_sliding = lambda _: []  # type: ignore[attr-defined]
     return refitter, rounds.second_looks(FIRST, scores, list(tried), judge, refitter, lambda _: None)
 
@@ -117,7 +117,7 @@ def test_a_second_look_begins_with_what_promises_most_at_zero_or_at_a_step(monke
 @pytest.mark.parametrize(("error", "cost", "read"), [(50.0, 43_500.0, True), (50.0, 42_000.0, False), (140.0, 43_500.0, False)])
 def test_a_look_that_predicts_better_but_costs_more_gets_its_break_away_read_anew(monkeypatch, error, cost, read):
     again = stub(30.0, 26_000.0, "friction_dwell")
-    _, found = _looks(monkeypatch, {"friction_dwell": (error, cost)}, [score("friction_dwell", 5.0)], afresh=again)
+    _, found = _looks(monkeypatch, {"friction_dwell": (error, cost)}, [score("friction_dwell", 5.0)], sharper=again)
     assert found[0][1].error == (30.0 if read else error)
 
 

@@ -38,26 +38,26 @@ Way = Callable[[], Exact | None]
 
 
 def exact_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
-    """The exact stage, where the relaxed one came near enough: straight from there, else from a cheaper relaxed fit."""
+    """The exact stage, where the relaxed one came near enough; from a cheaper relaxed fit, where that leads to no good end."""
     end = End(problem, soft, interrupted=soft.outcome.status == INTERRUPTED)
     if end.interrupted:
         return end
-    straight = end.near and within_reach(problem, soft.outcome)
-    if straight:
-        end = _sharp(task, end, partial(exact_stage, problem, soft.outcome, task.monitor))
-        if end.interrupted or not end.doubtful:
-            return end
-    found = tightly(task, (problem, soft))
-    if found[1] is soft:
-        return _by_ways(task, end, straight)
-    other = End(*found, interrupted=found[1].outcome.status == INTERRUPTED)
-    return better(end, _by_ways(task, other, False)) if end.hard is not None else _by_ways(task, other, False)
+    end = _by_ways(task, end)
+    if end.interrupted or not end.doubtful:
+        return end
+    found = tightly(task, (end.problem, end.soft))
+    if found[1] is end.soft:
+        return end
+    other = End(*found, interrupted=found[1].outcome.status == INTERRUPTED, lacking=end.lacking)
+    if not (other.interrupted or end.lacking):
+        other = _by_ways(task, other, LIKELY)
+    return other if end.hard is None else better(end, other)
 
 
-def _by_ways(task: Task, end: End, tried: bool) -> End:
-    """``end`` with the best exact fit that one way after the other leads to; ``tried`` : whether the straight one has been."""
+def _by_ways(task: Task, end: End, most: int | None = None) -> End:
+    """``end`` with the best exact fit to which one way after the other leads, of so many at ``most``."""
     problem, soft = end.problem, end.soft
-    if end.interrupted or not end.near:
+    if not end.near:
         return end
     grown: list[Grown] = []
 
@@ -66,8 +66,8 @@ def _by_ways(task: Task, end: End, tried: bool) -> End:
         grown.append(found)
         return hard
 
-    paths = int(end.hard is not None)
-    for way in islice(_ways(task, problem, soft, windows), int(tried), None):
+    paths = 0
+    for way in islice(_ways(task, problem, soft, windows), most):
         found = _sharp(task, end, way)
         end, paths = better(end, found), paths + (found.hard is not None)
         if end.interrupted or not end.doubtful:
