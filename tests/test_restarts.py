@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from helpers import rig
 from trials import FIRST, score, stub
@@ -146,6 +147,24 @@ def test_a_cold_refit_takes_the_effects_values_alone_from_what_it_is_given(monke
     monkeypatch.setattr(refits, "fit", lambda _plant, _runs, start, *_, again, **__: start if again else None)
     asked = Asked(CATALOGUE["friction_lag"], {"tau_L": 0.02}, cold=True)
     assert refits.refit(standing, asked, list(CATALOGUE)) == {"F_g": 2.0, "tau_L": 0.02}
+
+
+@pytest.mark.parametrize(
+    ("costs", "kept", "starts"),
+    [((90.0,), 90.0, [0.01]), ((400.0, 95.0), 95.0, [0.01, 0.0004]), ((120.0, np.inf), 120.0, [0.01, 0.0004])],
+)
+def test_a_refit_that_ends_dearer_than_its_base_begins_again_next_to_off(costs, kept, starts, monkeypatch):
+    base, given, coming = Plant(rig(), "lugre"), [], list(costs)
+    standing = Standing(base, (), dict.fromkeys(base.parameter_names, 2.0), {}, {}, 100.0)
+
+    def made(_base, _plant, values, _monitor):
+        given.append(values["tau_L"])
+        return SimpleNamespace(loose_cost=coming.pop(0))
+
+    monkeypatch.setattr(refits, "_warm", made)
+    asked = Asked(CATALOGUE["friction_lag"], {"tau_L": 0.02}, 0.1, thorough=False)
+    assert refits.refit(standing, asked, list(CATALOGUE)).loose_cost == kept
+    assert given == pytest.approx(starts) and not coming
 
 
 def test_from_the_laws_of_sliding_friction_alone_starts_anew(monkeypatch):

@@ -371,6 +371,20 @@ def test_a_rig_whose_loose_defects_take_up_the_break_away_is_identified():
     assert found.stage == "exact" and found.cost_per_sample < 1.03
 
 
+@pytest.mark.parametrize(
+    ("misfits", "cheaper", "tried", "best"),
+    [((1.0,), True, 1, 1.0), ((None,) * 6, False, 6, np.inf), ((*(None,) * 6, None, 1.02), True, 8, 1.02),
+     ((*(None,) * 6, None, None, 1.0), True, 8, np.inf), ((1.3, *(None,) * 5, 1.1), True, 7, 1.1)],
+)  # fmt: skip
+def test_the_exact_stage_begins_again_from_a_cheaper_fit_with_tight_defects(misfits, cheaper, tried, best, monkeypatch):
+    """Where no way from the first relaxed fit leads to a good end; then the likeliest two alone."""
+    exact, other = _Exact(monkeypatch, *misfits), Relaxed(_Outcome(X=np.array([2e5, 80.0, 7.0])), 0.1, None)
+    monkeypatch.setattr(exact_end, "tightly", lambda _task, found: (found[0], other) if cheaper else found)
+    end = exact.end()
+    assert len(misfits) - len(exact.misfits) == tried and end.misfit == best
+    assert (end.soft is other) == (tried > 6)
+
+
 # --- tight defects from the start ---
 
 SEAL = SimpleNamespace(law=SimpleNamespace(static=False), rig=SimpleNamespace(mass=4.0), effects=())

@@ -117,8 +117,9 @@ STOOD_IN = [
     ("friction_position", 0.3, 0.95, "unknown"), ("friction_position", 0.3, 0.6, "effect"),
     ("friction_position", 0.7, 0.99, "unknown"), ("friction_position", 0.8, 0.99, "unknown"),
     ("friction_position", 0.8, 0.88, "effect"), ("friction_position", 0.97, 0.999, "effect"),
-    # clearly more: nearly all and more than the effect, or half of what it leaves
-    ("friction_position", 0.94, 0.96, "unknown"), ("friction_position", 0.94, 0.92, "effect"),
+    # clearly more: nearly all and more than an effect that does not, or half of what it leaves
+    ("friction_position", 0.85, 0.92, "unknown"), ("friction_position", 0.94, 0.96, "effect"),
+    ("friction_position", 0.94, 0.98, "unknown"), ("friction_position", 0.94, 0.92, "effect"),
     ("friction_position", 0.6, 0.81, "unknown"), ("friction_position", 0.6, 0.79, "effect"),
     # a force over x beside a force over x: what the effect's form lacks, while it explains most
     ("load_spring", 0.8, 0.99, "effect"), ("load_spring", 0.7, 0.99, "unknown"),
