@@ -135,7 +135,7 @@ class _Design(_Table):
     refine: bool = True
 
 
-_AMPLITUDES: dict[str, Any] = {name: (float, value) for name, value in vars(NOTHING).items()}
+_AMPLITUDES: dict[str, Any] = {name: (float, value) for name, value in vars(NOTHING).items() if name != "form"}
 _HiddenTable: Any = create_model("_HiddenTable", __config__=ConfigDict(extra="forbid"), **_AMPLITUDES)
 
 
