@@ -63,7 +63,7 @@ def test_a_model_far_off_at_break_away_that_has_no_exact_fit_is_not_adequate(exa
     assert (decision.AT_BREAK_AWAY in found.sentences) == (said == "unknown")
 
 
-@pytest.mark.parametrize(("after", "said"), [(9.0, "unknown"), (1.01, "adequate")])
+@pytest.mark.parametrize(("after", "said"), [(9.0, "unknown"), (2.3, "unknown"), (2.2, "adequate"), (1.01, "adequate")])
 def test_a_model_that_cannot_follow_its_training_runs_is_not_adequate(after, said, monkeypatch):
     monkeypatch.setattr(decision, "loudest", lambda _: 1.2)
     current = stub(after, 1e4)
