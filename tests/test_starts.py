@@ -399,7 +399,7 @@ def _tightly(monkeypatch, found: float, *costs: float, relaxation: float = TIGHT
         return SimpleNamespace(relaxation=relaxation, cost=cost), Relaxed(outcome, 0.1, None)
 
     def made(task, start, stage):
-        assert task.known == {} and stage is tight_stage
+        assert task.known == {} and task.again and stage is tight_stage
         asked.append(dict(start))
         cost = coming.pop(0)
         return end(abs(cost), status=INTERRUPTED if cost < 0.0 else "done")

@@ -30,7 +30,7 @@ BREAK_AWAY = ("Fs", "vs", "sigma0", "sigma1")
 
 TYPICAL_VS = 0.01
 TYPICAL_DEFLECTION, TYPICAL_DAMPING = 4.0e-5, 0.4
-"""Deflection in m at which a seal breaks away; gives the stiffness a start."""
+"""Deflection in m at which a seal breaks away, and its micro-viscous damping over the root of stiffness times mass."""
 
 _OPEN_RANGES = {"p1_low": 0.0, "p1_high": 1e9, "p2_low": 0.0, "p2_high": 1e9, "x_low": 0.0, "x_high": 1.0}
 """Ranges that hold no effect back, Pa and m: a start knows of no fit yet."""
