@@ -24,7 +24,7 @@ from pneuid.estimation.stages import (
     Relaxed,
     loose_cost,
 )
-from pneuid.estimation.starts import from_far, from_near, softer
+from pneuid.estimation.starts import from_far, softer
 from pneuid.estimation.task import Task, relaxed_fit, values_at
 from pneuid.estimation.tightly import SURE, tightly
 from pneuid.estimation.uncertainty import Uncertainty, verdicts
@@ -205,7 +205,7 @@ def _end(task: Task, start: Mapping[str, float], exact: bool, before: Sequence[E
             break
         # relaxed costs do not tell a wrong break-away from the right one where both are near: the exact residual does
         end = better(end, exact_end(task, *other))
-    if start or end.interrupted or end.lacking or end.hard is not None or (exact and end.near):
+    if start or end.interrupted or end.lacking or end.near:
         return end  # the exact stage has looked at other break-aways already
     found = end.problem, end.soft
     other = _doubted(task, found)
@@ -228,13 +228,12 @@ def _by_sliding(task: Task, start: Mapping[str, float]) -> list[tuple[Shooting, 
 
 
 def _doubted(task: Task, found: tuple[Shooting, Relaxed]) -> tuple[Shooting, Relaxed]:
-    """The best of some relaxed fits: ``found`` from the data's own guess, and others from starts made for its weak points."""
-    best, near = found, End(*found).near
+    """The best of some relaxed fits: ``found`` from the data's own guess, far off, and others from starts made for that."""
+    best = found
     for turn in range(2):
-        if best[1].outcome.status == INTERRUPTED or (turn and best is found and not near):
+        if best[1].outcome.status == INTERRUPTED or (turn and best is found):
             break
-        values = values_at(best[0], best[1].outcome.X)
-        start = from_near(task.guess, values, turn) if near else from_far(task.plant, task.guess, values, turn)
+        start = from_far(task.plant, task.guess, values_at(best[0], best[1].outcome.X), turn)
         if not start:
             break
         again = relaxed_fit(task, start)

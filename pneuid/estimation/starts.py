@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from pneuid.estimation.first_guess import BREAK_AWAY, TYPICAL_VS, typical_damping, typical_presliding
+from pneuid.estimation.first_guess import TYPICAL_VS, typical_damping, typical_presliding
 from pneuid.plant import Plant
 
 SOFTER = {"sigma0": 0.3, "sigma1": 0.6, "vs": 2.0}
@@ -38,17 +38,6 @@ Values = Mapping[str, float]
 def softer(plant: Plant, guess: Values) -> dict[str, float]:
     """Values (SI) of a start with softer pre-sliding than ``guess``; empty for a law that has none."""
     return {} if plant.law.static else {name: guess[name] * share for name, share in SOFTER.items() if name in guess}
-
-
-def from_near(guess: Values, best: Values, turn: int) -> dict[str, float]:
-    """The own end ``best`` of a fit that came near, its bristle read anew; on the next turn with break-away as in ``guess``.
-
-    Static friction, Stribeck velocity and pre-sliding of a wrong basin hold each other there. Empty for a law without any.
-    """
-    fresh = {name: guess[name] for name in BREAK_AWAY if name in guess and name in best}
-    if turn == 0:
-        return dict(best)
-    return {**best, **fresh} if fresh else {}
 
 
 def from_far(plant: Plant, guess: Values, best: Values, turn: int) -> dict[str, float]:

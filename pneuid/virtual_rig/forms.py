@@ -115,9 +115,6 @@ class Form:
                 raise ValueError(f"{item.name} must be finite, got {getattr(self, item.name)}")
 
 
-USUAL = Form()
-
-
 def drawn_form(rng: np.random.Generator) -> Form:
     """Every constant drawn from its range, evenly or, where the range spans a factor of two and more, by its logarithm."""
     values = {}
