@@ -11,7 +11,7 @@ from pneuid.criticism.frozen import Frozen
 from pneuid.criticism.prediction import predict, typical
 from pneuid.effect import Effect
 from pneuid.estimation.first_guess import BREAK_AWAY, first_guess, motions
-from pneuid.estimation.fit import Fit, comparable_costs, fit
+from pneuid.estimation.fit import Fit, comparable_costs, fit, near
 from pneuid.estimation.preparation import Run
 from pneuid.estimation.sliding import sliding_starts
 from pneuid.estimation.solver import Monitor
@@ -121,6 +121,12 @@ def _break_away(base: Standing) -> dict[str, float]:
     """What the data first suggest for the parameters of break-away that the model has, SI."""
     guess = first_guess(base.plant, base.runs, motions(base.runs))
     return {name: guess[name] for name in BREAK_AWAY if name in base.values}
+
+
+def led(base: Fit, there: Fit, asked: Asked, order: Sequence[str], monitor: Monitor | None = None) -> Fit:
+    """Fit the base model's effects plus the one asked for from where a fit with another effect ended, ``there``."""
+    plant, values = _plant_with(Standing.of(base), asked, order)
+    return near(plant, base, values | {name: there.values[name] for name in values if name in there.values}, monitor)
 
 
 def without(base: Standing, name: str, monitor: Monitor | None = None) -> Fit:

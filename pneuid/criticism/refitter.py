@@ -9,7 +9,7 @@ from functools import partial
 from importlib.metadata import version
 from typing import Any
 
-from pneuid.criticism.refits import Asked, Standing, by_sliding, on_runs, refit, without
+from pneuid.criticism.refits import Asked, Standing, by_sliding, led, on_runs, refit, without
 from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
 from pneuid.effects._own_file import own_effects
 from pneuid.estimation.fit import Fit, completed, sharper
@@ -105,6 +105,10 @@ class Refitter:
     def completed(self, found: Fit) -> Fit:
         """The fit followed to hard continuity, itself where that leads nowhere."""
         return completed(found, self.monitor)
+
+    def led(self, base: Fit, there: Fit, asked: Asked) -> Fit:
+        """The base model with what is asked for, from where a fit with another effect ended."""
+        return led(base, there, asked, self.order, self.monitor)
 
     def without(self, base: Fit, name: str) -> Fit:
         """The fit without one of the effects."""

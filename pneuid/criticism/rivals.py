@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from pneuid.criticism.all_runs import SURE, TELLING
+from pneuid.criticism.refits import Asked
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.rounds import LEAST_DROP, Tried, costs
+from pneuid.criticism.restarts import follows
+from pneuid.criticism.rounds import LEAST_DROP, Say, Tried, costs, promised_alike
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
 
@@ -33,7 +37,10 @@ def contains(one: tuple[Score, Trial], other: tuple[Score, Trial], current: Tria
     """
     if one[0].effect.richer_law and other[0].effect.richer_law:
         return len(one[1].fit.plant.parameters) > len(other[1].fit.plant.parameters)
-    _, cost, plain = costs(current, one[1], other[1])
+    if one[1].fit.exact is not None and other[1].fit.exact is not None:
+        cost, plain = one[1].fit.exact.cost, other[1].fit.exact.cost  # the relaxed ones may have ended at different optima
+    else:
+        _, cost, plain = costs(current, one[1], other[1])
     return other[0].effect.name in one[0].effect.contains and plain - cost < SURE
 
 
@@ -58,3 +65,23 @@ def better_without(chosen: tuple[Score, Trial], current: Trial, judge: Judge, re
     now, less = costs(current, smaller)
     cheaper = less < now - LEAST_DROP or (smaller.fit.exact is not None and current.fit.exact is None)
     return smaller if cheaper and smaller.error < current.error else None
+
+
+def led(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge, refitter: Refitter, say: Say) -> Tried:
+    """Those tried; what promised as much as the chosen effect, and does not follow whole runs as it does, from where it led.
+
+    A fit that ended at a wrong optimum is no evidence against its effect.
+    """
+    if not follows(chosen[1]):
+        return tried
+    behind = [pair for pair in promised_alike(chosen[0], tried) if not follows(pair[1])]
+    found = {}
+    for score, trial in behind:
+        name = score.effect.name
+        say(f"{name} from where {chosen[0].effect.name} led")
+        asked = Asked(score.effect, score.whole_start, score.gain)
+        end = judge.trial(refitter.completed(refitter.led(current.fit, chosen[1].fit, asked)), name)
+        say(f"with {name}: held-out error {np.sqrt(trial.error):.2f} -> {np.sqrt(end.error):.2f} floors")
+        if end.error < trial.error:
+            found[name] = end
+    return [(score, found.get(score.effect.name, trial)) for score, trial in tried]

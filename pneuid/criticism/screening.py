@@ -36,6 +36,10 @@ TELLABLE = 3.0
 LEADING = 0.05
 """Share of the largest predicted drop below which an effect is not looked at for its group."""
 
+BEHIND, SHAPED = 0.5, 1.5
+"""Share of the largest predicted drop below which an effect is looked at with other shapes, and times its own drop that another
+shape must promise to be started from."""
+
 STEP = 1e-8
 """Step of an amplitude, in units of its scale, by which a column is taken as a difference: stick makes the response curve
 within 1e-6, rounding disturbs it by 1e-4 of a sensor's noise at this step."""
@@ -102,8 +106,15 @@ def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list
 
 
 def screened(fitted: Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> list[Change]:
-    """Predicted changes by every effect, in batches that share a compiled plant."""
-    return [change for batch in batches(fitted.fit.plant, chosen) for change in _screened(fitted, batch, order)]
+    """Predicted changes by every effect, in batches that share a compiled plant.
+
+    By one that promises far less than another, also at other values of its shapes: a cushion that is shorter than usual shows
+    little of itself as a long one.
+    """
+    every = [Batch(fitted, batch, order) for batch in batches(fitted.fit.plant, chosen)]
+    usual = [(batch, change) for batch in every for change in _screened(batch)]
+    little = max(TELLABLE, BEHIND * max(change.drop for _, change in usual))
+    return [_at_best_shapes(batch, change) if change.drop < little else change for batch, change in usual]
 
 
 class Fitted:
@@ -193,18 +204,18 @@ def _amplitudes(plant: Plant, effect: Effect) -> list[Parameter]:
     return [item for item in effect.parameters(plant.rig, plant.law) if item.off is not None]
 
 
-def _screened(fitted: Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> list[Change]:
-    """Predicted changes by the effects of one batch; by one that promises nothing, also at other values of its shapes."""
-    batch = Batch(fitted, chosen, order)
-    every, found = _Columns(batch, batch.amplitudes), []
-    for effect in chosen:
-        best = every.change(effect)
-        if best.drop < TELLABLE:
-            shaped = [_Columns(batch, batch.of(effect), shapes) for shapes in _shapes(batch.plant, effect)]
-            others = [columns.change(effect) for columns in shaped]
-            best = max([best, *(one for one in others if one.drop > TELLABLE)], key=lambda change: change.drop)
-        found.append(best)
-    return found
+def _screened(batch: Batch) -> list[Change]:
+    """Predicted changes by the effects of one batch, their shapes as usual."""
+    every = _Columns(batch, batch.amplitudes)
+    return [every.change(effect) for effect in batch.chosen]
+
+
+def _at_best_shapes(batch: Batch, usual: Change) -> Change:
+    """The change by one effect that promises most: with the usual shapes, or clearly more with others."""
+    effect = usual.effect
+    others = [_Columns(batch, batch.of(effect), shapes).change(effect) for shapes in _shapes(batch.plant, effect)]
+    worth = max(TELLABLE, SHAPED * usual.drop)
+    return max([usual, *(one for one in others if one.drop > worth)], key=lambda change: change.drop)
 
 
 def _shapes(plant: Plant, effect: Effect) -> Iterator[dict[str, float]]:
@@ -268,7 +279,7 @@ class Batch:
         old = fitted.fit.plant
         position = {name: i for i, name in enumerate(order)}
         every = sorted([*old.effects, *chosen], key=lambda effect: position.get(effect.name, len(position)))
-        self.fitted, self.plant = fitted, Plant(old.rig, old.law.name, every)
+        self.fitted, self.chosen, self.plant = fitted, list(chosen), Plant(old.rig, old.law.name, every)
         self.amplitudes = [item for effect in chosen for item in _amplitudes(self.plant, effect)]
         self.off = {item.name: float(item.off or 0.0) for item in self.amplitudes}
         self.values = self.plant.starts() | fitted.values | self.off

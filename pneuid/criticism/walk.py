@@ -15,7 +15,7 @@ from pneuid.criticism.ladder import Rung
 from pneuid.criticism.leftover import DEFECT_RATIO, FAR_OFF, explained_away, explained_share, loudest
 from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.restarts import followed, follows, settled
-from pneuid.criticism.rivals import alike, alike_in_training, better_without, contains
+from pneuid.criticism.rivals import alike, alike_in_training, better_without, contains, led
 from pneuid.criticism.rounds import (
     LEAST_DROP,
     LEAST_SHARE,
@@ -264,8 +264,10 @@ class Walk:
                 again = second_looks(self.current, scores, tried, self.judge, self.refitter, self.say)
                 tried, looked = self._by_one_floor(again), True
                 chosen = self._best(tried)
-            if chosen is None or chosen[0].effect.name in known:
+            if chosen is None:
                 return tried, chosen
+            if chosen[0].effect.name in known:
+                return self._with_rivals(tried, chosen)
             equals = [] if self.pooled else promised_alike(chosen[0], tried)
             for one in (chosen, *equals):
                 if one[0].effect.name in known:
@@ -277,6 +279,13 @@ class Walk:
                     break  # nothing is wrong with what follows whole runs to their noise
             # what fits the training runs better may predict worse; then another is the best, or none
             chosen = self._best(tried)
+
+    def _with_rivals(self, tried: Tried, chosen: tuple[Score, Trial]) -> tuple[Tried, tuple[Score, Trial] | None]:
+        """Those tried and the one to accept, once what promised as much was fitted from where the chosen effect led."""
+        if self.pooled:
+            return tried, chosen
+        tried = self._by_one_floor(led(chosen, tried, self.current, self.judge, self.refitter, self.say))
+        return tried, self._best(tried)
 
     def _followed(self, tried: Tried) -> Tried:
         """Those tried; what fits the training runs best, and what fits them alike, followed to exact fits where much is left.

@@ -23,6 +23,7 @@ from pneuid.estimation.stages import (
     End,
     Relaxed,
     loose_cost,
+    tight_stage,
 )
 from pneuid.estimation.starts import from_far, softer
 from pneuid.estimation.task import Task, relaxed_fit, values_at
@@ -174,6 +175,20 @@ def sharper(found: Fit, monitor: Monitor | None = None) -> Fit:
     if soft.outcome.status == INTERRUPTED:
         raise Interrupted(replace(best, converged=False, status=f"interrupted, best so far; {best.status}"))
     return best
+
+
+def near(plant: Plant, before: Fit, start: Mapping[str, float], monitor: Monitor | None = None) -> Fit:
+    """Relaxed fit of ``plant`` to the runs of a fit ``before``, from a ``start`` (SI) that is near its end: tight at once.
+
+    Raises ``Interrupted`` with what it had reached after a ctrl-C.
+    """
+    began = time.monotonic()
+    task = Task(plant, [run.recording for run in before.runs], before.runs, {}, monitor, again=True)
+    problem, soft = relaxed_fit(task, start, tight_stage)
+    found = result_of(End(problem, soft), before.noise, time.monotonic() - began)
+    if soft.outcome.status == INTERRUPTED:
+        raise Interrupted(replace(found, converged=False, status=f"interrupted, best so far; {found.status}"))
+    return found
 
 
 def _ends(task: Task, start: Mapping[str, float], exact: bool) -> list[End]:
