@@ -13,12 +13,13 @@ import scipy.sparse as sp
 from helpers import base_fit, held_runs, rig, scores, values_of
 from scipy.sparse.linalg import spsolve
 
+from pneuid.criticism import screening
 from pneuid.criticism.decision import Verdict, diagnose
 from pneuid.criticism.defect_shapes import defect_shapes
 from pneuid.criticism.frozen import Frozen
 from pneuid.criticism.noise_floor import noise_floor
 from pneuid.criticism.prediction import Prediction, predict, rmse, typical
-from pneuid.criticism.screening import Batch, Fitted, Score, _rolled_out, screen, screened
+from pneuid.criticism.screening import Batch, Change, Fitted, Score, _rolled_out, screen, screened
 from pneuid.effects import CATALOGUE, effects_by_name
 from pneuid.estimation.assembly import relaxed_system
 from pneuid.estimation.first_guess import first_nodes
@@ -331,3 +332,29 @@ def test_an_effect_whose_states_run_away_promises_nothing(monkeypatch):
     monkeypatch.setattr(Batch, "change", change)
     found = {score.effect.name: score.drop for score in screen(base_fit("leakage_internal"), chosen, list(CATALOGUE))}
     assert found["friction_lag"] == 0.0 and found["leakage_internal"] == pytest.approx(usual["leakage_internal"])
+
+
+@pytest.mark.parametrize(
+    ("long", "short", "start"), [(400.0, 3_400.0, "short"), (400.0, 500.0, "usual"), (4_500.0, 9_000.0, "usual")]
+)
+def test_what_promises_far_less_than_another_is_looked_at_with_other_shapes(long, short, start, monkeypatch):
+    """A cushion, usually 25 mm long, promises ``long``, at half the length ``short``, beside a lag that promises 8000."""
+
+    class Promising:
+        def __init__(self, _batch, _items, shapes=None) -> None:
+            self.shapes = shapes or {}
+
+        def change(self, effect):
+            half = self.shapes.get("L_cushion", 0.025) < 0.02
+            drop = 8_000.0 if effect.name == "friction_lag" else short if half else long
+            return Change(effect, drop, {}, np.zeros(1), np.zeros(1), self.shapes)
+
+    effects = [CATALOGUE["friction_lag"], CATALOGUE["end_cushion"]]
+    batch = SimpleNamespace(chosen=effects, amplitudes=[], of=lambda _: [], plant=Plant(rig(), "lugre", effects))
+    monkeypatch.setattr(screening, "_Columns", Promising)
+    monkeypatch.setattr(screening, "Batch", lambda *_: batch)
+    monkeypatch.setattr(screening, "batches", lambda *_: [effects])
+    lag, cushion = screened(SimpleNamespace(fit=SimpleNamespace(plant=None)), effects, [])
+    assert not lag.shapes and lag.drop == 8_000.0
+    assert cushion.drop == (short if start == "short" else long)
+    assert list(cushion.shapes) == (["L_cushion"] if start == "short" else [])

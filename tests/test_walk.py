@@ -55,8 +55,21 @@ def test_where_the_chosen_effect_follows_whole_runs_nothing_alike_starts_again(p
     monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
     monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
     monkeypatch.setattr(walk, "settled", ended)
+    monkeypatch.setattr(walk, "led", lambda _, found, *__: found)
     chosen = walking()._round([], 15.0)[1]
     assert chosen is not None and chosen[0].effect.name == "backlash" and seen == looked_at
+
+
+@pytest.mark.parametrize(("led_to", "named"), [(1.02, "gravity"), (4.0, "load_spring")])
+def test_what_is_led_to_a_better_end_than_the_chosen_effect_takes_its_place(led_to, named, monkeypatch):
+    names = (("load_spring", 1.1), ("gravity", 130.0))
+    tried = [(score(name, 900.0), stub(error, 25_000.0, name)) for name, error in names]
+    end = stub(led_to, 25_000.0, "gravity")
+    monkeypatch.setattr(walk, "refitted", lambda *_: tried)
+    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(walk, "settled", lambda _, trial, *__: trial)
+    monkeypatch.setattr(walk, "led", lambda _, found, *__: [found[0], (found[1][0], end)])
+    assert walking()._round([], 15.0)[1][0].effect.name == named
 
 
 def test_an_effect_that_does_not_bear_reading_break_away_anew_is_not_accepted(monkeypatch):

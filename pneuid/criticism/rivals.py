@@ -12,6 +12,9 @@ from pneuid.criticism.rounds import LEAST_DROP, Say, Tried, costs, promised_alik
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
 
+LED = 3
+"""Others at most that start from where the chosen effect led, those that promised most."""
+
 
 def alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge) -> Tried:
     """Effects that explain the held-out runs and the training runs about as well as the chosen one.
@@ -74,7 +77,7 @@ def led(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge,
     """
     if not follows(chosen[1]):
         return tried
-    behind = [pair for pair in promised_alike(chosen[0], tried) if not follows(pair[1])]
+    behind = [pair for pair in promised_alike(chosen[0], tried) if not follows(pair[1])][:LED]
     found = {}
     for score, trial in behind:
         name = score.effect.name

@@ -1,0 +1,82 @@
+"""Rivals of an effect: those that a wrong optimum kept behind start from where it led."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+from trials import FIRST, score, stub
+
+from pneuid.criticism.rivals import LED, contains, led
+
+
+def _exact(name: str, error: float, cost: float = 27_000.0, misfit: float = 1.0):
+    trial = stub(error, cost, name)
+    trial.fit.exact, trial.fit.cost_per_sample = SimpleNamespace(cost=cost), misfit
+    return trial
+
+
+class _Leading:
+    """A refitter and judge by whom every rival ends at ``error``; keeps what was asked for."""
+
+    def __init__(self, error: float) -> None:
+        self.error, self.asked, self.there = error, [], []
+
+    def led(self, _base, there, asked):
+        self.asked.append(asked.effect.name)
+        self.there.append(there)
+        return asked.effect.name
+
+    def completed(self, name):
+        return f"{name}, exact"
+
+    def trial(self, fit, added):
+        assert fit == f"{added}, exact"
+        return replace(stub(self.error, 27_000.0), added=added)
+
+
+def _led(chosen, rivals, error=1.1):
+    both = _Leading(error)
+    tried = [chosen, *rivals]
+    return both, led(chosen, tried, FIRST, both, both, lambda _: None)
+
+
+def test_what_promised_as_much_and_stayed_behind_starts_from_where_the_chosen_effect_led():
+    chosen = score("load_spring", 12_600.0), _exact("load_spring", 1.1)
+    behind = score("gravity", 12_610.0), stub(4441.0, 30_000.0, "gravity")
+    less = score("friction_lag", 9_000.0), stub(6000.0, 30_000.0, "friction_lag")
+    done = score("sensor_offset_p1", 12_500.0), _exact("sensor_offset_p1", 3.0)
+    both, found = _led(chosen, [behind, less, done])
+    assert both.asked == ["gravity"] and both.there == [chosen[1].fit]
+    assert [trial.error for _, trial in found] == [1.1, 1.1, 6000.0, 3.0]
+
+
+def test_a_rival_that_ends_worse_from_there_keeps_its_own_end():
+    chosen = score("load_spring", 12_600.0), _exact("load_spring", 1.1)
+    behind = score("gravity", 12_610.0), stub(40.0, 30_000.0, "gravity")
+    assert _led(chosen, [behind], error=90.0)[1] == [chosen, behind]
+
+
+@pytest.mark.parametrize("chosen", [stub(1.1, 27_000.0, "load_spring"), _exact("load_spring", 1.1, misfit=2.0)])
+def test_what_does_not_follow_whole_runs_leads_nowhere(chosen):
+    pair = score("load_spring", 12_600.0), chosen
+    behind = score("gravity", 12_610.0), stub(4441.0, 30_000.0, "gravity")
+    both, found = _led(pair, [behind])
+    assert not both.asked and found == [pair, behind]
+
+
+def test_not_all_of_many_rivals_are_led():
+    chosen = score("load_spring", 12_600.0), _exact("load_spring", 1.1)
+    names = ("gravity", "sensor_offset_p1", "sensor_offset_p2", "friction_direction", "friction_pressure")
+    both, _ = _led(chosen, [(score(name, 12_610.0), stub(4441.0, 30_000.0, name)) for name in names])
+    assert both.asked == list(names[:LED])
+
+
+@pytest.mark.parametrize(("gained", "limit"), [(2.0, True), (50.0, False)])
+def test_a_spring_is_a_constant_force_where_it_gains_nothing_by_being_a_spring(gained, limit):
+    """By the exact costs, where both have them: relaxed ones may have stopped at different optima."""
+    spring = score("load_spring", 12_600.0), _exact("load_spring", 1.1, 27_000.0)
+    force = score("gravity", 12_610.0), _exact("gravity", 1.1, 27_000.0 + gained)
+    force[1].fit.relaxed_cost = force[1].fit.loose_cost = 40_000.0
+    assert contains(spring, force, FIRST) == limit and not contains(force, spring, FIRST)
