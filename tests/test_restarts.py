@@ -175,3 +175,14 @@ def test_from_the_laws_of_sliding_friction_alone_starts_anew(monkeypatch):
     (start,) = refits.by_sliding(Standing(plant, (), values, {}, {}, 1.0))
     friction = {"Fc", "Fs", "vs", "sigma0", "sigma1", "sigma2", *(f"k{i}" for i in range(1, 9))}
     assert {name for name, value in start.items() if value == 2.0} == friction
+
+
+@pytest.mark.parametrize(
+    ("training", "cost", "taken"), [(96.0, 45_000.0, False), (96.0, 28_000.0, True), (60.0, 45_000.0, True)]
+)
+def test_an_end_that_costs_much_more_must_predict_the_training_runs_clearly_better(training, cost, taken):
+    cheap = replace(stub(375.0, 27_000.0, "friction_pressure"), train={"x": 100.0})
+    dear = replace(stub(1136.0, cost, "friction_pressure"), train={"x": training})
+    judge = SimpleNamespace(small=0.15, trial=lambda *_: dear, fits=lambda trial: trial.train["x"])
+    refitter = SimpleNamespace(sharper=lambda fit: fit, by_sliding=lambda _: [dear.fit])
+    assert restarts.read_anew(cheap, judge, refitter, lambda _: None) is (dear if taken else cheap)

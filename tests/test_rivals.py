@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from trials import FIRST, score, stub
 
-from pneuid.criticism.rivals import LED, contains, led
+from pneuid.criticism.rivals import LED, alike, contains, led
 
 
 def _exact(name: str, error: float, cost: float = 27_000.0, misfit: float = 1.0):
@@ -80,3 +80,21 @@ def test_a_spring_is_a_constant_force_where_it_gains_nothing_by_being_a_spring(g
     force = score("gravity", 12_610.0), _exact("gravity", 1.1, 27_000.0 + gained)
     force[1].fit.relaxed_cost = force[1].fit.loose_cost = 40_000.0
     assert contains(spring, force, FIRST) == limit and not contains(force, spring, FIRST)
+
+
+@pytest.mark.parametrize(
+    ("left", "group", "cost", "rivals"),
+    [
+        (3.4, ("valve_critical_ratio",), 30_537.0, ["valve_critical_ratio"]),
+        (2.0, ("valve_critical_ratio",), 30_537.0, []),  # takes most of the excess: the held-out runs decide
+        (3.4, (), 30_537.0, []),
+        (3.4, ("valve_critical_ratio",), 30_547.0, []),
+    ],
+)
+def test_what_the_held_out_runs_cannot_tell_from_its_collinear_mate_is_ambiguous(left, group, cost, rivals):
+    """Of a squared error of 4.6 the chosen effect leaves ``left``, its mate 7.5, at about the same cost."""
+    current = stub(4.6, 30_687.0)
+    chosen = score("inlet_mixing", 154.0, group), stub(left, 30_534.0, "inlet_mixing")
+    mate = score("valve_critical_ratio", 150.0), stub(7.5, cost, "valve_critical_ratio")
+    found = alike(chosen, [chosen, mate], current, SimpleNamespace(small=0.15))
+    assert [pair[0].effect.name for pair in found if pair is not chosen] == rivals

@@ -12,6 +12,9 @@ from pneuid.criticism.rounds import LEAST_DROP, Say, Tried, costs, promised_alik
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
 
+HALF = 0.5
+"""Share of the held-out excess left, above which those runs do not tell an effect from another that is collinear with it."""
+
 LED = 3
 """Others at most that start from where the chosen effect led, those that promised most."""
 
@@ -19,18 +22,22 @@ LED = 3
 def alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge) -> Tried:
     """Effects that explain the held-out runs and the training runs about as well as the chosen one.
 
-    Where that one leaves noise alone, so must they.
+    Where that one leaves noise alone, so must they. Where it leaves more of the excess than it takes, and follows no whole run,
+    the held-out runs do not tell it from those of its group that cost as much.
     """
     excess = max(current.error - 1.0, 1e-12)
-    clean = chosen[1].error - 1.0 < judge.small
+    left = chosen[1].error - 1.0
+    clean, undecided = left < judge.small, left > HALF * excess and not follows(chosen[1])
 
-    def close(trial: Trial) -> bool:
+    def close(score: Score, trial: Trial) -> bool:
         before, best, other = costs(current, chosen[1], trial)
+        if undecided and score.effect.name in chosen[0].group and abs(other - best) < SURE:
+            return True
         ahead = (trial.error - chosen[1].error) / excess < TELLING
         ahead = ahead and (trial.error - 1.0 < judge.small or not clean)
         return ahead and other - best < max(TELLING * (before - best), SURE)
 
-    return [pair for pair in tried if close(pair[1])]
+    return [pair for pair in tried if close(*pair)]
 
 
 def contains(one: tuple[Score, Trial], other: tuple[Score, Trial], current: Trial) -> bool:
