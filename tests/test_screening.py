@@ -61,21 +61,24 @@ def test_the_hidden_effect_or_its_group_comes_first(hidden):
 
 
 def test_states_of_effects_follow_every_run_as_if_it_were_alone():
-    """Runs of 12, 30 and 7 intervals; the last of 30 ends at the same state whatever runs are beside it."""
+    """Runs of 12, 30 and 7 intervals, with two time constants at once: each ends as it does alone, whatever is beside it."""
     base, plant = base_fit(), Plant(rig(), "lugre", effects_by_name(["friction_warmup", "heat_transfer"]))
     whole = base.runs[0]
     runs = [section(whole, first, last) for first, last in ((0, 240), (500, 1100), (2000, 2140))]
-    values = values_of(plant, {"w_warm": 0.3, "tau_warm": 1.0})
+    several = [values_of(plant, {"w_warm": 0.3, "tau_warm": tau}) for tau in (1.0, 3.0)]
 
-    def followed(some):
+    def followed(some, values):
         problem = Shooting(base.plant, some, list(base.plant.parameter_names), base.values, base.ranges, base.substeps)
         nodes = first_nodes(base.plant, some, [run.motion for run in some], base.values, problem.samples)
         return _rolled_out(SimpleNamespace(fit=SimpleNamespace(problem=problem), nodes=nodes), plant, values)
 
-    alone = np.hstack([followed([run]) for run in runs])
-    assert alone.shape[1] == 12 + 30 + 7 and np.all(np.ptp(alone[-3:], axis=1) > 0.0)
-    # a run alone is stepped by other code than runs side by side, which rounds otherwise
-    np.testing.assert_allclose(followed(runs), alone, rtol=1e-10, atol=1e-12)
+    together = followed(runs, several)
+    for one, found in zip(several, together, strict=True):
+        alone = np.hstack([followed([run], [one])[0] for run in runs])
+        assert alone.shape[1] == 12 + 30 + 7 and np.all(np.ptp(alone[-3:], axis=1) > 0.0)
+        # a run alone is stepped by other code than runs side by side, which rounds otherwise
+        np.testing.assert_allclose(found, alone, rtol=1e-10, atol=1e-12)
+    assert not np.allclose(*together)
 
 
 @pytest.mark.parametrize("seed", [1, 3])
@@ -341,7 +344,7 @@ def test_what_promises_far_less_than_another_is_looked_at_with_other_shapes(long
     """A cushion, usually 25 mm long, promises ``long``, at half the length ``short``, beside a lag that promises 8000."""
 
     class Promising:
-        def __init__(self, _batch, _items, shapes=None) -> None:
+        def __init__(self, _batch, _items, shapes=None, _nodes=None) -> None:
             self.shapes = shapes or {}
 
         def change(self, effect):
@@ -350,7 +353,8 @@ def test_what_promises_far_less_than_another_is_looked_at_with_other_shapes(long
             return Change(effect, drop, {}, np.zeros(1), np.zeros(1), self.shapes)
 
     effects = [CATALOGUE["friction_lag"], CATALOGUE["end_cushion"]]
-    batch = SimpleNamespace(chosen=effects, amplitudes=[], of=lambda _: [], plant=Plant(rig(), "lugre", effects))
+    batch = SimpleNamespace(chosen=effects, amplitudes=[], of=lambda _: [], nodes=None, plant=Plant(rig(), "lugre", effects))
+    batch.followed = lambda moved: moved
     monkeypatch.setattr(screening, "_Columns", Promising)
     monkeypatch.setattr(screening, "Batch", lambda *_: batch)
     monkeypatch.setattr(screening, "batches", lambda *_: [effects])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pneuid.criticism.screening import Batch, Fitted, Score, batches
-from pneuid.effect import Effect
+from pneuid.effect import Effect, Parameter
 from pneuid.estimation.fit import Fit
 
 JUMPS = (1.0, 0.3, -0.3, -1.0)
@@ -58,15 +58,20 @@ def _jumps(
         size = sizes[effect.name]
         items = [item for item in batch.amplitudes if item.name in size]
         best = Jump(0.0, dict(size))
-        for part in JUMPS:
-            moved = {item.name: batch.off[item.name] + part * (size[item.name] - batch.off[item.name]) for item in items}
-            moved = dict(size) | {item.name: float(np.clip(moved[item.name], item.lower, item.upper)) for item in items}
-            change = batch.change(moved, batch.followed(moved) if effect.states else batch.nodes)
+        steps = [dict(size) | {item.name: _stepped(batch, item, size, part) for item in items} for part in JUMPS]
+        for moved, nodes in zip(steps, batch.followed(steps) if effect.states else [batch.nodes] * len(steps), strict=True):
+            change = batch.change(moved, nodes)
             if np.all(np.isfinite(change)) and np.any(change):
                 drop = _drop_along(fitted, change)
                 best = Jump(drop, moved) if drop > best.drop else best
         found[effect.name] = best
     return found
+
+
+def _stepped(batch: Batch, item: Parameter, size: Mapping[str, float], part: float) -> float:
+    """Value of an amplitude at a ``part`` of the way from off to its ``size``, within its bounds."""
+    off = batch.off[item.name]
+    return float(np.clip(off + part * (size[item.name] - off), item.lower, item.upper))
 
 
 def _drop_along(fitted: Fitted, change: np.ndarray) -> float:

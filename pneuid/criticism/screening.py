@@ -112,9 +112,9 @@ def screened(fitted: Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> 
     little of itself as a long one.
     """
     every = [Batch(fitted, batch, order) for batch in batches(fitted.fit.plant, chosen)]
-    usual = [(batch, change) for batch in every for change in _screened(batch)]
-    little = max(TELLABLE, BEHIND * max(change.drop for _, change in usual))
-    return [_at_best_shapes(batch, change) if change.drop < little else change for batch, change in usual]
+    usual = [_screened(batch) for batch in every]
+    little = max(TELLABLE, BEHIND * max(change.drop for changes in usual for change in changes))
+    return [change for batch, changes in zip(every, usual, strict=True) for change in _at_best_shapes(batch, changes, little)]
 
 
 class Fitted:
@@ -210,12 +210,18 @@ def _screened(batch: Batch) -> list[Change]:
     return [every.change(effect) for effect in batch.chosen]
 
 
-def _at_best_shapes(batch: Batch, usual: Change) -> Change:
-    """The change by one effect that promises most: with the usual shapes, or clearly more with others."""
-    effect = usual.effect
-    others = [_Columns(batch, batch.of(effect), shapes).change(effect) for shapes in _shapes(batch.plant, effect)]
-    worth = max(TELLABLE, SHAPED * usual.drop)
-    return max([usual, *(one for one in others if one.drop > worth)], key=lambda change: change.drop)
+def _at_best_shapes(batch: Batch, usual: Sequence[Change], little: float) -> list[Change]:
+    """The changes by the effects of one batch; by one that promises less than ``little``, with the shapes that promise most."""
+    asked = [(one.effect, shapes) for one in usual if one.drop < little for shapes in _shapes(batch.plant, one.effect)]
+    followed = iter(batch.followed([shapes for effect, shapes in asked if effect.states]))
+    found = {one.effect.name: one for one in usual}
+    worth = {one.effect.name: max(TELLABLE, SHAPED * one.drop) for one in usual}
+    for effect, shapes in asked:
+        nodes = next(followed) if effect.states else batch.nodes
+        change = _Columns(batch, batch.of(effect), shapes, nodes).change(effect)
+        if change.drop > max(worth[effect.name], found[effect.name].drop):
+            found[effect.name] = change
+    return list(found.values())
 
 
 def _shapes(plant: Plant, effect: Effect) -> Iterator[dict[str, float]]:
@@ -233,15 +239,18 @@ def _shapes(plant: Plant, effect: Effect) -> Iterator[dict[str, float]]:
 class _Columns:
     """What amplitudes ``items`` of a batch do to the residuals at first order, orthogonal to the fitted variables.
 
-    ``shapes`` are values (SI) that differ from the start's.
+    ``shapes`` are values (SI) that differ from the start's, with which the effects' own states take the values in ``nodes``.
     """
 
-    def __init__(self, batch: Batch, items: Sequence[Parameter], shapes: Mapping[str, float] | None = None) -> None:
+    def __init__(
+        self, batch: Batch, items: Sequence[Parameter], shapes: Mapping[str, float] | None = None,
+        nodes: np.ndarray | None = None,
+    ) -> None:  # fmt: skip
         self.shapes = shapes = dict(shapes or {})
         fitted, self.plant, self.items = batch.fitted, batch.plant, list(items)
         self.scaling = Scaling(self.items)
         self.at = self.scaling.to_q(np.array([batch.off[item.name] for item in self.items]))
-        nodes = batch.followed(shapes) if shapes and batch.plant.effect_states else batch.nodes
+        nodes = batch.nodes if nodes is None else nodes
         self.raw = np.empty((batch.before.size, len(self.items)))
         for j, item in enumerate(self.items):
             q = self.at.copy()
@@ -283,7 +292,7 @@ class Batch:
         self.amplitudes = [item for effect in chosen for item in _amplitudes(self.plant, effect)]
         self.off = {item.name: float(item.off or 0.0) for item in self.amplitudes}
         self.values = self.plant.starts() | fitted.values | self.off
-        self.nodes = self.followed({})
+        self.nodes, *_ = self.followed([{}])
         self._run = fitted.runner(self.plant)
         self.before = fitted.response(self._run, self.plant, self.nodes, self.values)
 
@@ -292,9 +301,9 @@ class Batch:
         own = self.plant.own_parameters(effect.name)
         return [item for item in self.amplitudes if item.name in own]
 
-    def followed(self, moved: Mapping[str, float]) -> np.ndarray:
-        """Nodes ``(ns, nint)`` with the effects' own states as they come out with the values ``moved``."""
-        return _rolled_out(self.fitted, self.plant, self.values | dict(moved))
+    def followed(self, moved: Sequence[Mapping[str, float]]) -> list[np.ndarray]:
+        """Nodes ``(ns, nint)`` with the effects' own states as they come out with each of the values ``moved``."""
+        return _rolled_out(self.fitted, self.plant, [self.values | dict(one) for one in moved])
 
     def change(self, moved: Mapping[str, float], nodes: np.ndarray) -> np.ndarray:
         """Change of the stacked residuals when some values (SI) are moved."""
@@ -328,27 +337,31 @@ def _groups(fitted: Fitted, changes: Sequence[Change]) -> dict[str, tuple[str, .
     return groups
 
 
-def _rolled_out(fitted: Fitted, plant: Plant, values: dict[str, float]) -> np.ndarray:
-    """Nodes of ``plant``: the fitted states, and the candidates' own filled in by following the fitted trajectory."""
-    problem = fitted.fit.problem
-    nodes = np.zeros((len(plant.states), problem.nint))
+def _rolled_out(fitted: Fitted, plant: Plant, values: Sequence[dict[str, float]]) -> list[np.ndarray]:
+    """Nodes of ``plant`` with each of some ``values``: the fitted states, and the candidates' own filled in by following the
+    fitted trajectory."""
+    problem, many = fitted.fit.problem, len(values)
+    nodes = np.zeros((len(plant.states), many, problem.nint))
     for name, row in zip(problem.plant.states, fitted.nodes, strict=True):
         nodes[plant.states.index(name)] = row
     fresh = [i for i, name in enumerate(plant.states) if name not in problem.plant.states]
-    if not fresh:
-        return nodes
+    if not fresh or not many:
+        return list(nodes.transpose(1, 0, 2))
     initial = {state.name: state.initial for state in plant.effect_states}
     counts = np.diff(problem.first)
-    step = Mapped(trajectory_function(plant, problem.samples, problem.substeps), counts.size)
-    theta, data = problem.theta_of(values, plant), problem.data.reshape(problem.data.shape[0], problem.nint, -1)
-    own = np.tile([[initial[plant.states[i]]] for i in fresh], counts.size)
+    step = Mapped(trajectory_function(plant, problem.samples, problem.substeps), many * counts.size)
+    theta = np.stack([problem.theta_of(one, plant) for one in values], axis=1)
+    data = problem.data.reshape(problem.data.shape[0], problem.nint, -1)
+    own = np.tile(np.array([initial[plant.states[i]] for i in fresh])[:, None, None], (many, counts.size))
     for k in range(counts.max()):
-        # all runs at once; one that has ended stays at its last interval
+        # all runs with all values at once; a run that has ended stays at its last interval
         at = problem.first[:-1] + np.minimum(k, counts - 1)
-        nodes[np.ix_(fresh, at)] = own
-        _, states = step(nodes[:, at], data[:, at].reshape(data.shape[0], -1), theta[:, at])
-        own = np.where(k + 1 < counts, states[fresh, problem.samples :: problem.samples + 1], own)
-    return nodes
+        nodes[np.ix_(fresh, range(many), at)] = own
+        measured = np.tile(data[:, at], (1, many, 1)).reshape(data.shape[0], -1)
+        _, states = step(nodes[:, :, at].reshape(len(nodes), -1), measured, theta[:, :, at].reshape(len(theta), -1))
+        ended = states[fresh, problem.samples :: problem.samples + 1].reshape(own.shape)
+        own = np.where(k + 1 < counts, ended, own)
+    return list(nodes.transpose(1, 0, 2))
 
 
 def _best_step(M: np.ndarray, g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
