@@ -243,7 +243,7 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
         alone = search(verdict.base, hold_out, floor, say)
         # of its own equation it is what their form lacks; but one function for several effects of several equations is plainer
         elsewhere = _other(alone, theirs) or len(theirs) > 1
-        if alone.explains and (minor or much or elsewhere) and _takes_place(alone, left, excess):
+        if alone.explains and (minor or much or elsewhere) and _takes_place(verdict, alone, left, excess):
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
             found = replace(
                 diagnosis, verdict="unknown", effects=(), unknown=_unknown(alone),
@@ -298,13 +298,16 @@ def _other(found: Found, equations: set[str]) -> bool:
     return found.joint.terms[0].equation not in equations
 
 
-def _takes_place(alone: Found, left: float, excess: float) -> bool:
+def _takes_place(verdict: Verdict, alone: Found, left: float, excess: float) -> bool:
     """Whether a term beside no effect explains clearly more than effects that leave that much of the squared ``excess``.
 
-    What explains nearly all need only explain more, unless the effects do so as well.
+    What explains nearly all need only explain more, unless the effects do so as well. Of a function whose signal leaves its
+    range in the held-out runs the training runs must show far more than of the effects.
     """
+    without, with_them = comparable_costs(verdict.base, verdict.best)
+    known = alone.beyond < UNCOVERED or alone.gain > TIMES * (without - with_them)
     plainer = alone.explained > NEARLY_ALL and left > (1.0 - NEARLY_ALL) * excess
-    return alone.beyond < UNCOVERED and alone.after - 1.0 < (1.0 if plainer else HALF) * left
+    return known and alone.after - 1.0 < (1.0 if plainer else HALF) * left
 
 
 def _unknown(found: Found) -> Unknown:
