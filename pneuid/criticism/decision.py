@@ -18,7 +18,7 @@ from pneuid.criticism.diagnosis import NOTHING_MISSING, Candidate, Diagnosis, Un
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.leftover import DEFECT_RATIO, explained_away, explained_share, loudest
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.rounds import ACTING_ON, LEAST_DROP, Say
+from pneuid.criticism.rounds import ACTING_ON, LEAST_DROP, NEARLY_NOISE, Say
 from pneuid.criticism.too_slow import too_slow
 from pneuid.criticism.trial import Trial, judge_of
 from pneuid.criticism.uncovered import uncovered
@@ -34,10 +34,6 @@ MOSTLY = 0.9
 STILL_FAR = 3.0
 """Held-out error in floors from which a rest is reported however much was explained, and a fit without an exact end is not
 called adequate."""
-
-NEARLY_NOISE = 1.5
-"""Held-out error in floors up to which a fit that cannot follow its training runs is not said to lack something: of random
-benches with nothing hidden, whose motion is smoothed, three were told so at 1.13 to 1.27 floors."""
 
 MOST_ROUNDS = 4
 """Rounds of the walk, each of which accepts an effect, two at once, or a better start."""

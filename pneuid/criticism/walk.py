@@ -23,6 +23,7 @@ from pneuid.criticism.rounds import (
     Tried,
     accepted,
     costs,
+    least_drop,
     leaves_far,
     leaves_much,
     overtaking,
@@ -104,7 +105,7 @@ class Walk:
             return not self.named and (self._by_training_runs() or self._by_all_runs(OPEN))
         candidates = list(self.catalogue.values())
         scores = self._screened(self.current)
-        tried, chosen = self._round(scores, LEAST_DROP)
+        tried, chosen = self._round(scores, least_drop(self.current))
         if self.current.added is None and leaves_much(chosen, self.current):
             both = joined(self.current, self.first, tried, chosen, self.judge, self.refitter, candidates, self.say)
             if both is not None:
