@@ -186,3 +186,23 @@ def test_an_end_that_costs_much_more_must_predict_the_training_runs_clearly_bett
     judge = SimpleNamespace(small=0.15, trial=lambda *_: dear, fits=lambda trial: trial.train["x"])
     refitter = SimpleNamespace(sharper=lambda fit: fit, by_sliding=lambda _: [dear.fit])
     assert restarts.read_anew(cheap, judge, refitter, lambda _: None) is (dear if taken else cheap)
+
+
+def test_an_end_that_follows_whole_runs_is_the_best_whatever_it_costs():
+    exact = replace(stub(1.1, 45_000.0, "friction_pressure"), train={"x": 100.0})
+    exact.fit.exact, exact.fit.cost_per_sample = "an exact fit", 1.02
+    cheap = replace(stub(375.0, 27_000.0, "friction_pressure"), train={"x": 99.0})
+    judge = SimpleNamespace(fits=lambda trial: trial.train["x"])
+    assert restarts._best([cheap, exact], judge) is exact
+
+
+def test_what_is_led_starts_from_the_other_effects_end_and_its_own_amplitude(monkeypatch):
+    base = Plant(rig(), "lugre")
+    standing = Standing(base, (), dict.fromkeys(base.parameter_names, 2.0), {}, {}, 100.0)
+    monkeypatch.setattr(refits.Standing, "of", lambda _: standing)
+    monkeypatch.setattr(refits, "near", lambda plant, before, start, _: (plant.parameter_names, before, start))
+    there = SimpleNamespace(values=dict.fromkeys(base.parameter_names, 3.0) | {"k_spring": 9.0})
+    asked = Asked(CATALOGUE["gravity"], {"F_g": 5.0})
+    names, before, start = refits.led("the base", there, asked, list(CATALOGUE))
+    assert before == "the base" and set(start) == set(names)
+    assert start == {**dict.fromkeys(base.parameter_names, 3.0), "F_g": 5.0}

@@ -344,8 +344,9 @@ def test_what_promises_far_less_than_another_is_looked_at_with_other_shapes(long
     """A cushion, usually 25 mm long, promises ``long``, at half the length ``short``, beside a lag that promises 8000."""
 
     class Promising:
-        def __init__(self, _batch, _items, shapes=None, _nodes=None) -> None:
+        def __init__(self, _batch, _items, shapes=None, nodes=None) -> None:
             self.shapes = shapes or {}
+            assert nodes == shapes, "the ring's pressure follows with the shapes that are looked at"
 
         def change(self, effect):
             half = self.shapes.get("L_cushion", 0.025) < 0.02

@@ -352,3 +352,16 @@ def test_what_is_named_stands_in_order_of_weight_and_what_is_not_missed_is_dropp
         end.fit.plant = SimpleNamespace(effects=[CATALOGUE["valve_null_leakage"]])
     going.backward()
     assert going.named == named
+
+
+@pytest.mark.parametrize(("lacking", "least"), [(True, 3.0), (False, 15.0)])
+def test_a_model_that_no_parameters_make_follow_is_refitted_with_what_promises_little(lacking, least, monkeypatch):
+    seen, current = [], stub(145.0, 43_000.0)
+    current.fit.lacking = lacking
+    walk_ = walking(current=current)
+    monkeypatch.setattr(walk_, "_cannot_judge", lambda: False)
+    monkeypatch.setattr(walk_, "_screened", lambda _: [])
+    monkeypatch.setattr(walk_, "_round", lambda _scores, drop: seen.append(drop) or ([], ([], current)))
+    monkeypatch.setattr(walk_, "_take", lambda *_: True)
+    monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
+    assert walk_.step() and seen == [least]
