@@ -193,7 +193,7 @@ def test_an_end_that_follows_whole_runs_is_the_best_whatever_it_costs():
     exact.fit.exact, exact.fit.cost_per_sample = "an exact fit", 1.02
     cheap = replace(stub(375.0, 27_000.0, "friction_pressure"), train={"x": 99.0})
     judge = SimpleNamespace(fits=lambda trial: trial.train["x"])
-    assert restarts._best([cheap, exact], judge) is exact
+    assert restarts.best_end([cheap, exact], judge) is exact
 
 
 def test_what_is_led_starts_from_the_other_effects_end_and_its_own_amplitude(monkeypatch):
@@ -206,3 +206,27 @@ def test_what_is_led_starts_from_the_other_effects_end_and_its_own_amplitude(mon
     names, before, start = refits.led("the base", there, asked, list(CATALOGUE))
     assert before == "the base" and set(start) == set(names)
     assert start == {**dict.fromkeys(base.parameter_names, 3.0), "F_g": 5.0}
+
+
+@pytest.mark.parametrize(
+    ("kind", "before", "refitted", "tight", "taken"),
+    [("servo", 4.0, 2500.0, 1.6, True), ("servo", 4.0, 2500.0, 9000.0, False), ("servo", 4.0, 3.0, 1.6, False),
+     ("bench", 4.0, 2500.0, 1.6, False)],
+)  # fmt: skip
+def test_a_refit_that_worsens_the_training_runs_is_made_with_tight_defects_from_what_stood_before(
+    kind, before, refitted, tight, taken
+):
+    """A valve's hysteresis, refitted with loose defects, lost a break-away that was right."""
+
+    def end(training):
+        return replace(stub(600.0, 13_000.0, "valve_hysteresis"), train={"x": training})
+
+    current, trial, other = end(before), end(refitted), end(tight)
+    current.fit.plant = Plant(rig(kind), "lugre")
+    asked = []
+    judge = SimpleNamespace(trial=lambda *_: other, fits=lambda one: one.train["x"])
+    refitter = SimpleNamespace(led=lambda base, there, one: asked.append((base, there, one.effect.name)))
+    found = restarts.from_standing(score("valve_hysteresis", 390.0), trial, current, judge, refitter, lambda _: None)
+    assert found is (other if taken else trial)
+    worse = kind == "servo" and refitted > before
+    assert asked == ([(current.fit, current.fit, "valve_hysteresis")] if worse else [])

@@ -10,7 +10,15 @@ from pneuid.criticism.defects import equation_defects
 from pneuid.criticism.jumps import jumped
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.restarts import NEXT_TO_NOTHING, Say, follows, large_starts, read_anew, typical_start
+from pneuid.criticism.restarts import (
+    NEXT_TO_NOTHING,
+    Say,
+    follows,
+    from_standing,
+    large_starts,
+    read_anew,
+    typical_start,
+)
 from pneuid.criticism.screening import TELLABLE, Score
 from pneuid.criticism.trial import Judge, Trial
 from pneuid.estimation.fit import Fit, comparable_costs
@@ -120,7 +128,7 @@ def refitted(
         minor = score.effect.name not in related and score.drop < CLOSE * leader.drop
         if minor and len(tried) > 1 and any(_all_explained(trial, current, judge) for _, trial in tried):
             continue
-        trial = _tried(current, score, make, judge, say)
+        trial = from_standing(score, _tried(current, score, make, judge, say), current, judge, refitter, say)
         if not newly and score.gain > CLEAR_DROP and score.effect.equation in ACTING_ON["force"]:
             trial = _with_break_away(trial, current, score, judge, refitter, say)
         tried.append((score, trial))
