@@ -119,7 +119,7 @@ def _round(scores, errors, current=FIRST, first=FIRST):
     refitter = Counting()
     errors = iter(errors)
     judge = SimpleNamespace(
-        spread=0.02, small=0.15, trial=lambda _fit, name: stub(next(errors), 27_000.0, name)
+        spread=0.02, small=0.15, trial=lambda _fit, name: stub(next(errors), 27_000.0, name), fits=lambda _: 1.0
     )
     tried = rounds.refitted(current, first, scores, judge, refitter, lambda _: None)
     return refitter, [item.effect.name for item, _ in tried]
@@ -197,7 +197,7 @@ def test_a_later_friction_effect_that_does_not_help_has_break_away_read_anew(nam
 
 
 def test_of_both_readings_of_break_away_the_better_one_is_kept():
-    judge = SimpleNamespace(spread=0.02, small=0.15, trial=lambda made, _: made)
+    judge = SimpleNamespace(spread=0.02, small=0.15, trial=lambda made, _: made, fits=lambda _: 1.0)
     for first, second in ((40.0, 12.0), (40.0, 55.0)):
         ends = iter([stub(first, 27_000.0), stub(second, 27_000.0)])
         refitter = SimpleNamespace(each=lambda _, asked, ends=ends: ((one, lambda: next(ends)) for one in asked))
