@@ -230,3 +230,16 @@ def test_a_refit_that_worsens_the_training_runs_is_made_with_tight_defects_from_
     assert found is (other if taken else trial)
     worse = kind == "servo" and refitted > before
     assert asked == ([(current.fit, current.fit, "valve_hysteresis")] if worse else [])
+
+
+@pytest.mark.parametrize(("per_sample", "again"), [(1.03, False), (1.05, True)])
+def test_what_leaves_whole_runs_noise_alone_starts_no_more(per_sample, again, monkeypatch):
+    """Of 20 000 numbers the mean square is 1 within 0.04, four standard deviations, though single windows may be far off."""
+    exact = stub(90.0, 27_000.0, "friction_lag")
+    exact.fit.exact, exact.fit.cost_per_sample = "an exact fit", per_sample
+    seen = []
+    monkeypatch.setattr(restarts, "read_anew", lambda trial, *_: seen.append(trial) or trial)
+    monkeypatch.setattr(restarts, "large_starts", lambda *_: [])
+    judge = SimpleNamespace(small=0.15)
+    assert restarts.settled(score("friction_lag", 900.0), exact, FIRST, judge, None, lambda _: None) is exact
+    assert bool(seen) == again

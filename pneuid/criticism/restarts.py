@@ -11,7 +11,7 @@ from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
 from pneuid.estimation.fit import comparable_costs
-from pneuid.estimation.stages import MISFIT
+from pneuid.estimation.stages import DOUBTFUL, MISFIT
 
 TYPICAL = 3.0
 """Amplitude, in units of its scale, from which an effect is refitted that shows little of itself at zero."""
@@ -65,8 +65,11 @@ def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: 
     """The trial of adding the effect of ``score`` to the model of ``current``, or one of the same model from another start.
 
     Break-away is read anew from the data. On a servo rig an effect with a state of its own starts from several sizes as well,
-    from what stood before and from the data alone.
+    from what stood before and from the data alone. Where whole runs are followed to no more than chance above their noise, the
+    optimum is the right one.
     """
+    if _noise_alone(trial):
+        return trial
     best = followed(read_anew(trial, judge, refitter, say), current, judge, refitter, say)
     sizes = large_starts(current, score, SIZES)
     if not sizes or _next_to_nothing(best, current, judge):
@@ -111,6 +114,11 @@ def best_end(ends: Sequence[Trial], judge: Judge) -> Trial:
 def follows(trial: Trial) -> bool:
     """Whether simulations of whole training runs leave little more than the sensors' noise."""
     return trial.fit.exact is not None and trial.fit.cost_per_sample < MISFIT
+
+
+def _noise_alone(trial: Trial) -> bool:
+    """Whether simulations of whole training runs leave what noise leaves, up to chance."""
+    return follows(trial) and trial.fit.cost_per_sample < 1.0 + DOUBTFUL * np.sqrt(2.0 / trial.fit.problem.weighted)
 
 
 def _next_to_nothing(trial: Trial, current: Trial, judge: Judge) -> bool:
