@@ -124,7 +124,7 @@ def _break_away(base: Standing) -> dict[str, float]:
 
 
 def led(base: Fit, there: Fit, asked: Asked, order: Sequence[str], monitor: Monitor | None = None) -> Fit:
-    """Fit the base model's effects plus the one asked for from where a fit with another effect ended, ``there``."""
+    """Fit the base model's effects plus the one asked for, from the values of a fit ``there``: another effect's or the base."""
     plant, values = _plant_with(Standing.of(base), asked, order)
     return near(plant, base, values | {name: there.values[name] for name in values if name in there.values}, monitor)
 

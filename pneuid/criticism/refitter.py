@@ -107,7 +107,7 @@ class Refitter:
         return completed(found, self.monitor)
 
     def led(self, base: Fit, there: Fit, asked: Asked) -> Fit:
-        """The base model with what is asked for, from where a fit with another effect ended."""
+        """The base model with what is asked for, from the values of a fit ``there``."""
         return led(base, there, asked, self.order, self.monitor)
 
     def without(self, base: Fit, name: str) -> Fit:
