@@ -58,12 +58,19 @@ def test_a_rival_that_ends_worse_from_there_keeps_its_own_end():
     assert _led(chosen, [behind], error=90.0)[1] == [chosen, behind]
 
 
-@pytest.mark.parametrize("chosen", [stub(1.1, 27_000.0, "load_spring"), _exact("load_spring", 1.1, misfit=2.0)])
-def test_what_does_not_follow_whole_runs_leads_nowhere(chosen):
+@pytest.mark.parametrize("chosen", [stub(9.0, 27_000.0, "load_spring"), _exact("load_spring", 9.0, misfit=2.0)])
+def test_what_neither_follows_whole_runs_nor_leaves_next_to_nothing_leads_nowhere(chosen):
     pair = score("load_spring", 12_600.0), chosen
     behind = score("gravity", 12_610.0), stub(4441.0, 30_000.0, "gravity")
     both, found = _led(pair, [behind])
     assert not both.asked and found == [pair, behind]
+
+
+@pytest.mark.parametrize(("error", "asked"), [(4441.0, ["gravity"]), (3.9, [])])
+def test_what_leaves_next_to_nothing_leads_without_an_exact_fit_what_stayed_behind(error, asked):
+    pair = score("load_spring", 12_600.0), stub(3.7, 27_000.0, "load_spring")
+    both, _ = _led(pair, [(score("gravity", 12_610.0), stub(error, 30_000.0, "gravity"))])
+    assert both.asked == asked
 
 
 def test_not_all_of_many_rivals_are_led():

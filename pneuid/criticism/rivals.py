@@ -7,7 +7,7 @@ import numpy as np
 from pneuid.criticism.all_runs import SURE, TELLING
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.restarts import follows
+from pneuid.criticism.restarts import NEXT_TO_NOTHING, follows
 from pneuid.criticism.rounds import LEAST_DROP, Say, Tried, costs, promised_alike
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
@@ -15,8 +15,8 @@ from pneuid.criticism.trial import Judge, Trial
 HALF = 0.5
 """Share of the held-out excess left, above which those runs do not tell an effect from another that is collinear with it."""
 
-LED = 3
-"""Others at most that start from where the chosen effect led, those that promised most."""
+LED, BEHIND = 3, 2.0
+"""Others at most that start from where the chosen effect led, those that promised most, and times its excess that they leave."""
 
 
 def alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge) -> Tried:
@@ -78,13 +78,15 @@ def better_without(chosen: tuple[Score, Trial], current: Trial, judge: Judge, re
 
 
 def led(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge, refitter: Refitter, say: Say) -> Tried:
-    """Those tried; what promised as much as the chosen effect, and does not follow whole runs as it does, from where it led.
+    """Those tried; what promised as much as a chosen effect that leaves next to nothing, and stayed behind, from where it led.
 
     A fit that ended at a wrong optimum is no evidence against its effect.
     """
-    if not follows(chosen[1]):
+    left = chosen[1].error - 1.0
+    if not follows(chosen[1]) and left > NEXT_TO_NOTHING * (current.error - 1.0):
         return tried
-    behind = [pair for pair in promised_alike(chosen[0], tried) if not follows(pair[1])][:LED]
+    alike_ones = promised_alike(chosen[0], tried)
+    behind = [pair for pair in alike_ones if not follows(pair[1]) and pair[1].error - 1.0 > BEHIND * left][:LED]
     found = {}
     for score, trial in behind:
         name = score.effect.name
