@@ -97,6 +97,7 @@ def test_where_the_leading_effect_does_not_bear_other_starts_a_second_look_finds
     monkeypatch.setattr(walk, "second_looks", looked)
     monkeypatch.setattr(walk, "overtaking", lambda _current, _scores, tried, *_: tried)
     monkeypatch.setattr(walk, "settled", lambda _, trial, *__: ends.get(trial.added, trial))
+    monkeypatch.setattr(walk, "led", lambda _, found, *__: found)
     _, chosen = walking()._round([heat], 15.0)
     assert chosen is not None and chosen[0] is silencer
     assert len(looks) == 1 and looks[0][0][1].error == 180.0, "once, and with the end that the other start led to"
