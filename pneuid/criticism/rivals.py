@@ -16,7 +16,7 @@ HALF = 0.5
 """Share of the held-out excess left, above which those runs do not tell an effect from another that is collinear with it."""
 
 LED, BEHIND = 3, 2.0
-"""Others at most that start from where the chosen effect led, the most promising first, and times its excess that they leave."""
+"""Others at most that start from where the chosen effect led, the likeliest first, and times its excess that they leave."""
 
 
 def alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge) -> Tried:
