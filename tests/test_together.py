@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import pytest
 from trials import JUDGE, score, stub, walking
 
-from pneuid.criticism import together, walk
+from pneuid.criticism import together
+from pneuid.criticism.evidence import as_screened
 from pneuid.criticism.walk import Walk
 from pneuid.effects import CATALOGUE
 
@@ -89,7 +90,7 @@ def test_two_effects_are_not_taken_for_what_one_or_none_explains(tried, alone, e
 def test_both_effects_are_named_ranked_and_one_rung(monkeypatch):
     found, _ = _joined(monkeypatch, PAIRS)
     at = walking()
-    at.ranking = {name: walk._screened(score(name, 1e3)) for name in CATALOGUE}
+    at.ranking = {name: as_screened(score(name, 1e3)) for name in CATALOGUE}
     monkeypatch.setattr(Walk, "rung", lambda _self, trial, accepted: (trial.added, accepted))
     monkeypatch.setattr(Walk, "_record", lambda own, one, *_, **__: own.ranking.update({one.effect.name: "refitted"}))
     at._take_both(found, ALONE)

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from pneuid.criticism.all_runs import beyond_doubt, least_shown, shown, shown_by_training, within_a_sample
 from pneuid.criticism.break_away import AT_BREAK_AWAY, leading_friction, shown_at_break_away
 from pneuid.criticism.diagnosis import Candidate
+from pneuid.criticism.evidence import as_refitted, as_screened, chance, leading
 from pneuid.criticism.ladder import Rung
-from pneuid.criticism.leftover import DEFECT_RATIO, FAR_OFF, explained_away, explained_share, loudest
+from pneuid.criticism.leftover import DEFECT_RATIO, FAR_OFF, explained_away, loudest
 from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.restarts import followed, follows, settled
 from pneuid.criticism.rivals import alike, alike_in_training, better_without, contains, led
@@ -219,8 +219,8 @@ class Walk:
         """Every effect screened on a model; the first screening ranks."""
         scores = list(screen(standing.fit, list(self.catalogue.values()), list(self.catalogue)))
         for score in scores:
-            self.ranking.setdefault(score.effect.name, _screened(score))
-        self.say(_leading(scores))
+            self.ranking.setdefault(score.effect.name, as_screened(score))
+        self.say(leading(scores))
         return scores
 
     def backward(self) -> None:
@@ -380,28 +380,12 @@ class Walk:
         name, known = score.effect.name, self.ranking[score.effect.name]
         if keep and known.hold_out_error_ratio is not None:
             return
-        drop = self.current.fit.loose_cost - trial.fit.loose_cost
-        chance = float(chi2.sf(max(2 * drop, 0.0), max(score.freedom, 1)))
         if self.pooled:
-            self.ranking[name] = replace(known, p_value=chance)
-            return
-        self.ranking[name] = Candidate(
-            effect=name, equation=score.effect.equation, screen_gain=score.gain,
-            hold_out_error_ratio=float(np.sqrt(trial.whole / self.current.whole)) if np.isfinite(trial.whole) else None,
-            excess_explained=explained_share(self.current, trial, self.first),
-            p_value=chance, indistinguishable_from=score.group,
-        )  # fmt: skip
+            self.ranking[name] = replace(known, p_value=chance(score, trial, self.current))
+        else:
+            self.ranking[name] = as_refitted(score, trial, self.current, self.first)
 
     def rung(self, trial: Trial, accepted: bool) -> Rung:
         """The trial as a rung of the ladder."""
         names, floor = tuple(effect.name for effect in trial.fit.plant.effects), dict(self.judge.floor.value)
         return Rung(names, trial.added, accepted, trial.train, trial.hold_out, floor, len(trial.fit.plant.parameters))
-
-
-def _leading(scores: Sequence[Score]) -> str:
-    shown = ", ".join(f"{score.effect.name} {100 * score.gain:.1f} %" for score in scores[:3])
-    return f"screening predicts these drops of the cost: {shown}" if scores else "no candidate left to screen"
-
-
-def _screened(score: Score) -> Candidate:
-    return Candidate(score.effect.name, score.effect.equation, score.gain, indistinguishable_from=score.group)
