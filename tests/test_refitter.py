@@ -104,3 +104,11 @@ def test_break_away_is_read_anew_where_that_costs_clearly_less():
     assert again.plant is base.plant
     cheap = replace(stuck, relaxed=replace(stuck.relaxed, cost=0.5 * again.relaxed_cost))
     assert Refitter(ORDER).sharper(cheap) is cheap
+
+
+def test_where_an_exact_fit_leads_nowhere_is_found_out_once(monkeypatch):
+    asked = []
+    monkeypatch.setattr(refitting, "completed", lambda fit, _: asked.append(fit) or fit)
+    refitter, fits = Refitter(ORDER), [replace(base_fit("leakage_internal")) for _ in range(2)]
+    assert [refitter.completed(fits[i]) is fits[i] for i in (0, 1, 0)] == [True] * 3
+    assert [fit is one for fit, one in zip(asked, fits, strict=True)] == [True, True]

@@ -10,8 +10,10 @@ from trials import FIRST, JUDGE, Counting, score, stub
 
 from pneuid.criticism import rounds
 from pneuid.criticism.noise_floor import NoiseFloor
+from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
 from pneuid.effect import Parameter
+from pneuid.effects import LAW_STEPS
 from pneuid.estimation.shooting import Scaling
 
 INSIDE = rounds.inside_bounds
@@ -119,7 +121,7 @@ def _round(scores, errors, current=FIRST, first=FIRST):
     refitter = Counting()
     errors = iter(errors)
     judge = SimpleNamespace(
-        spread=0.02, small=0.15, trial=lambda _fit, name: stub(next(errors), 27_000.0, name), fits=lambda _: 1.0
+        spread=0.02, small=0.15, trial=lambda _fit, name: stub(next(errors), 27_000.0, name), usually_fits=lambda _: 1.0
     )
     tried = rounds.refitted(current, first, scores, judge, refitter, lambda _: None)
     return refitter, [item.effect.name for item, _ in tried]
@@ -148,6 +150,32 @@ def test_only_the_leader_and_its_group_start_twice_and_only_in_the_first_round()
     assert [one.thorough for one in refitter.asked] == [True, False, True]
     refitter, _ = _round(mates, [20.0] * 3, current=ALONE)
     assert [one.thorough for one in refitter.asked] == [False, False, False]
+
+
+def test_on_a_servo_rig_the_leader_and_its_group_start_again_until_one_explains_all(monkeypatch):
+    current = stub(145.0, 43_000.0)
+    current.fit.plant.servo = True
+    mates = [score("heat_transfer", 9000.0, ("valve_hysteresis",)), *SCORES[1:]]
+    refitter, _ = _round(mates, [100.0] * 6, current=current)
+    assert [(one.effect.name, one.anew, one.cold) for one in refitter.asked] == [
+        ("heat_transfer", False, False), ("heat_transfer", True, False), ("heat_transfer", False, True),
+        ("channel_skew", False, False), ("valve_hysteresis", False, False), ("valve_hysteresis", True, False),
+    ]  # fmt: skip
+    assert len(refitter.made) == 6
+    # beside one that explains all its mates start once
+    found = _round(mates, [1.1, 100.0, 90.0], current=current)[0]
+    assert found.made == ["heat_transfer", "channel_skew", "valve_hysteresis"]
+
+
+def test_a_law_of_friction_has_no_break_away_that_could_be_kept():
+    law = Score(LAW_STEPS["law:stribeck"], 500.0, 0.1, 1, {}, ())
+    assert [one.anew for one in rounds._ways(law, True, True, True)] == [False]
+
+
+def test_nothing_promises_as_much_as_what_screening_does_not_see():
+    tried = [(score(name, drop), stub(90.0, 27_000.0, name)) for name, drop in (("gravity", 70.0), ("load_mass", 66.0))]
+    assert rounds.promised_alike(score("friction_lag", 0.1), tried) == []
+    assert [one.effect.name for one, _ in rounds.promised_alike(score("backlash", 72.0), tried)] == ["gravity"]
 
 
 def test_a_later_effect_must_promise_a_part_of_what_came_before():
@@ -197,7 +225,7 @@ def test_a_later_friction_effect_that_does_not_help_has_break_away_read_anew(nam
 
 
 def test_of_both_readings_of_break_away_the_better_one_is_kept():
-    judge = SimpleNamespace(spread=0.02, small=0.15, trial=lambda made, _: made, fits=lambda _: 1.0)
+    judge = SimpleNamespace(spread=0.02, small=0.15, trial=lambda made, _: made, usually_fits=lambda _: 1.0)
     for first, second in ((40.0, 12.0), (40.0, 55.0)):
         ends = iter([stub(first, 27_000.0), stub(second, 27_000.0)])
         refitter = SimpleNamespace(each=lambda _, asked, ends=ends: ((one, lambda: next(ends)) for one in asked))
@@ -223,6 +251,12 @@ def test_the_floor_is_that_of_the_best_model_and_never_rises(monkeypatch):
     assert (better.floor.value, better.usual.value) == ({"x": 2.0}, {"x": 1.0})
     assert judge.again(stub(144.0, 1.0), FIRST) is judge
     assert np.isclose(better.spread, 0.2)
+
+
+def test_errors_on_the_training_runs_are_in_the_floors_of_their_kind():
+    judge = Judge((), *(NoiseFloor({"x": value}, {"x": 0.1}) for value in (4.0, 1.0)))
+    trial = Trial(stub(1.0, 1.0).fit, 1.0, 1.0, {"x": 8.0}, {}, {}, {"x": 3.0})
+    assert (judge.fits(trial), judge.usually_fits(trial)) == (4.0, 9.0)
 
 
 @pytest.mark.parametrize(

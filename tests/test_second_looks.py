@@ -28,7 +28,7 @@ def _looks(monkeypatch, errors, scores, tried=(), defects=(), sharper=None, jump
     monkeypatch.setattr(rounds, "large_starts", lambda *_: large)
     judge = SimpleNamespace(
         spread=0.02, small=0.15, trial=lambda fit, name: fit if isinstance(fit, Trial) else stub(*errors[name], name),
-        fits=lambda trial: trial.fit.relaxed_cost,
+        usually_fits=lambda trial: trial.fit.relaxed_cost,
     )  # fmt: skip
     refitter = Counting()
     refitter.order = list(CATALOGUE)  # type: ignore[attr-defined]
@@ -131,7 +131,7 @@ def test_a_look_that_predicts_better_but_costs_more_gets_its_break_away_read_ane
 )
 def test_of_the_starts_of_a_second_look_the_best_on_the_training_runs_is_kept(ends, taken, made):
     trials, asked = [stub(*end, "friction_dwell") for end in ends], []
-    judge = SimpleNamespace(small=0.15, fits=lambda trial: trial.fit.relaxed_cost)
+    judge = SimpleNamespace(small=0.15, usually_fits=lambda trial: trial.fit.relaxed_cost)
     coming = (asked.append(trial) or trial for trial in trials)
     assert rounds._first_that_explains(coming, FIRST, judge) is trials[taken] and len(asked) == made
 

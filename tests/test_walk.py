@@ -60,6 +60,20 @@ def test_where_the_chosen_effect_follows_whole_runs_nothing_alike_starts_again(p
     assert chosen is not None and chosen[0].effect.name == "backlash" and seen == looked_at
 
 
+def test_three_of_what_promises_as_much_start_again_with_the_chosen_effect(monkeypatch):
+    names = ("backlash", "load_mass", "gravity", "friction_lag", "load_spring")
+    tried = [(score(name, 900.0), stub(60.0 + i, 25_000.0, name)) for i, name in enumerate(names)]
+    seen = []
+    monkeypatch.setattr(walk, "refitted", lambda *_: tried)
+    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
+    monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
+    monkeypatch.setattr(walk, "settled", lambda _, trial, *__: seen.append(trial.added) or trial)
+    monkeypatch.setattr(walk, "led", lambda _, found, *__: found)
+    walking()._round([], 15.0)
+    assert seen == list(names[:4])
+
+
 @pytest.mark.parametrize(("led_to", "named"), [(1.02, "gravity"), (4.0, "load_spring")])
 def test_what_is_led_to_a_better_end_than_the_chosen_effect_takes_its_place(led_to, named, monkeypatch):
     names = (("load_spring", 1.1), ("gravity", 130.0))

@@ -12,15 +12,18 @@ from pneuid.effects import CATALOGUE
 
 JUDGE = SimpleNamespace(
     spread=0.02, small=0.15, explains=lambda trial: trial.error - 1.0 < 0.15, learned=lambda trial: trial.error - 1.0 < 0.15,
-    fits=lambda _: 1.0, unseen=lambda trial: trial.error,
+    fits=lambda _: 1.0, usually_fits=lambda _: 1.0, unseen=lambda trial: trial.error,
 )
 
 
 def stub(error: float, cost: float, added: str | None = None, relaxation: float = 0.1, weighted: int = 20_000) -> Trial:
-    """A trial with the held-out error (squared floors) and cost of the training runs that matter here."""
+    """A trial on a bench with the held-out error (squared floors) and cost of the training runs that matter here."""
     problem = SimpleNamespace(relaxation=relaxation, weighted=weighted)
-    fit = SimpleNamespace(relaxed_cost=cost, loose_cost=cost, problem=problem, lacking=False, exact=None, cost_per_sample=1.5)
-    return Trial(fit, error, error, {}, {}, {}, added)  # type: ignore[arg-type]
+    plant = SimpleNamespace(servo=False, effects=())
+    fit = SimpleNamespace(
+        relaxed_cost=cost, loose_cost=cost, problem=problem, lacking=False, exact=None, cost_per_sample=1.5, plant=plant,
+    )  # fmt: skip
+    return Trial(fit, error, error, {}, {}, {}, {}, added)  # type: ignore[arg-type]
 
 
 def score(name: str, drop: float, group: tuple[str, ...] = ()) -> Score:

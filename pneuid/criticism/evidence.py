@@ -11,6 +11,7 @@ from pneuid.criticism.diagnosis import Candidate
 from pneuid.criticism.leftover import explained_share
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Trial
+from pneuid.estimation.fit import comparable_costs
 
 
 def as_screened(score: Score) -> Candidate:
@@ -31,8 +32,8 @@ def as_refitted(score: Score, trial: Trial, current: Trial, first: Trial) -> Can
 def chance(score: Score, trial: Trial, current: Trial) -> float:
     """Probability that white noise alone lowers the cost as much as the refit did (likelihood ratio: Wilks, Ann. Math. Stat. 9
     (1938) 60)."""
-    drop = current.fit.loose_cost - trial.fit.loose_cost
-    return float(chi2.sf(max(2 * drop, 0.0), max(score.freedom, 1)))
+    now, after = comparable_costs(current.fit, trial.fit)
+    return float(chi2.sf(max(2 * (now - after), 0.0), max(score.freedom, 1)))
 
 
 def leading(scores: Sequence[Score]) -> str:

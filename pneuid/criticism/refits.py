@@ -13,6 +13,7 @@ from pneuid.effect import Effect
 from pneuid.estimation.first_guess import BREAK_AWAY, first_guess, motions
 from pneuid.estimation.fit import Fit, comparable_costs, fit, near
 from pneuid.estimation.preparation import Run
+from pneuid.estimation.shooting import TIGHT
 from pneuid.estimation.sliding import sliding_starts
 from pneuid.estimation.solver import Monitor
 from pneuid.plant import Plant
@@ -22,33 +23,36 @@ ENOUGH, OVER = 0.8, 1.2
 believed without another start."""
 
 NEXT_TO_OFF = 0.02
-"""Share of the way to the start values from which a warm refit begins again that ended dearer than what it came from: with the
+"""Share of the way to the start values from which a refit begins again that ended dearer than what it came from: with the
 effect next to off that model is within reach, and cannot be lost."""
 
 
 @dataclass(frozen=True)
 class Standing:
-    """What a refit needs of the fit it starts from: parameters (SI), node states ``(nint,)`` by name, loose cost."""
+    """What a refit needs of the fit it starts from: parameters (SI), node states ``(nint,)`` by name, relaxed cost and whether
+    its defects are ``tight``."""
 
     plant: Plant
     runs: tuple[Run, ...]
     values: Mapping[str, float]
     nodes: Mapping[str, np.ndarray]
     noise: Mapping[str, float]
-    loose_cost: float
+    cost: float
+    tight: bool
 
     @classmethod
     def of(cls, base: Fit) -> Standing:
         """The relaxed solution of ``base``, with its final parameters."""
         nodes = dict(zip(base.plant.states, base.problem.split(base.relaxed.X)[1], strict=True))
-        return cls(base.plant, base.runs, base.values, nodes, base.noise, base.loose_cost)
+        tight = base.problem.relaxation == TIGHT
+        return cls(base.plant, base.runs, base.values, nodes, base.noise, base.relaxed_cost, tight)
 
 
 @dataclass(frozen=True)
 class Asked:
-    """An effect to add: start values (SI) and relative drop of the cost as screened; ``thorough``: a cold start too.
+    """An effect to add: start values (SI) and relative drop of the cost as screened; ``thorough``: on a bench a cold start too.
 
-    way : share of the way from off to ``start`` from which the warm refit begins; anew : with break-away from the data's guess,
+    way : share of the way from off to ``start`` from which the refit begins; anew : with break-away from the data's guess,
     for what the base model's break-away excuses now; cold : from the data's own guess alone.
     """
 
@@ -64,36 +68,54 @@ class Asked:
 def refit(base: Standing, asked: Asked, order: Sequence[str], monitor: Monitor | None = None) -> Fit:
     """Fit the base model's effects plus the one asked for; ``order`` is that of maps at a shared port.
 
-    First warm, from the base's values and nodes and ``asked.way`` to the start values: what the base is linear in gets there
-    in one step anyway, and beyond the linear range the whole way may overshoot into another minimum. Where that falls short of
-    what screening predicts, again from the data's own guess where the refit shall be ``thorough``; where it ends dearer than
-    the base, from next to off before. On a bench, where a base model that lacks something often ends with a friction from which
-    no step leads back, a thorough refit always starts twice and another one where the first start falls short. The better one
-    is kept.
+    From the base's values and nodes and ``asked.way`` to the start values: what the base is linear in gets there in one step
+    anyway, and beyond the linear range the whole way may overshoot into another minimum. On a servo rig with tight defects at
+    once; beside a base that only loose ones carry, with loose ones as well where that falls short of what screening predicts.
+    What ends dearer than the base begins again next to off. On a bench, where a base model that lacks something often ends with
+    a friction from which no step leads back, a ``thorough`` refit starts from the data's own guess as well, and another one
+    where the first start falls short. The best one is kept.
     """
     plant, values = _plant_with(base, asked, order)
-    off = {item.name: item.off for item in plant.parameters if item.off is not None}
-
-    def begun(way: float) -> dict[str, float]:
-        """The values to start from, the effect's amplitudes that part of their way from off."""
-        return values | {name: off[name] + way * (value - off[name]) for name, value in asked.start.items() if name in off}
-
     if plant.law is not base.plant.law:
         return _fitted(base, plant, values, monitor)
     effect_values = {name: value for name, value in values.items() if plant.owner[name] is not None}
     if asked.cold:
         return _fitted(base, plant, effect_values, monitor)
-    warm = _warm(base, plant, begun(asked.way) | (_break_away(base) if asked.anew else {}), monitor)
-    if not asked.anew and not warm.loose_cost < base.loose_cost:
-        warm = min((warm, _warm(base, plant, begun(NEXT_TO_OFF), monitor)), key=lambda end: end.loose_cost)
-    predicted = base.loose_cost * (1.0 - asked.gain)
-    enough = warm.loose_cost < base.loose_cost * (1.0 - ENOUGH * asked.gain) and warm.loose_cost < OVER * predicted
-    twice = (asked.thorough and not enough) if plant.servo else (asked.thorough or not enough)
-    if not twice:
-        return warm
-    cold = _fitted(base, plant, effect_values, monitor)
-    misfits = comparable_costs(warm, cold) if plant.servo else [_force_error(end) for end in (warm, cold)]
-    return cold if misfits[1] < misfits[0] else warm
+    begun = _on_the_way(plant, values, asked.start, asked.way) | (_break_away(base) if asked.anew else {})
+    next_to_off = _on_the_way(plant, values, asked.start, NEXT_TO_OFF)
+    limit = base.cost * min(1.0 - ENOUGH * asked.gain, OVER * (1.0 - asked.gain))
+    if plant.servo and not plant.law.static:
+        found = _at_once(base, plant, begun, monitor)
+        if asked.anew or (found.relaxed_cost < (base.cost if base.tight else limit)):
+            return found
+        if base.tight:
+            return _cheapest(found, _at_once(base, plant, next_to_off, monitor))
+        found = _cheapest(found, _warm(base, plant, begun, monitor))
+    else:
+        found = _warm(base, plant, begun, monitor)
+    if not asked.anew and not _below(base.cost, found, base):
+        found = _cheapest(found, _warm(base, plant, next_to_off, monitor))
+    if plant.servo or (not asked.thorough and _below(limit, found, base)):
+        return found
+    return min(found, _fitted(base, plant, effect_values, monitor), key=_force_error)
+
+
+def _on_the_way(plant: Plant, values: Mapping[str, float], start: Mapping[str, float], way: float) -> dict[str, float]:
+    """``values`` (SI) with the effect's amplitudes that part of their way from off to their ``start``."""
+    off = {item.name: item.off for item in plant.parameters if item.off is not None}
+    moved = {name: off[name] + way * (value - off[name]) for name, value in start.items() if name in off}
+    return {**values, **moved}
+
+
+def _below(limit: float, found: Fit, base: Standing) -> bool:
+    """Whether a refit costs less than ``limit``, with defects like the base's; loose ones never cost more than tight ones."""
+    if base.tight and found.problem.relaxation != TIGHT:
+        return False
+    return found.relaxed_cost < limit or (not base.tight and found.loose_cost < limit)
+
+
+def _cheapest(*ends: Fit) -> Fit:
+    return ends[int(np.argmin(comparable_costs(*ends)))]
 
 
 def _force_error(found: Fit) -> float:
@@ -124,9 +146,14 @@ def _break_away(base: Standing) -> dict[str, float]:
 
 
 def led(base: Fit, there: Fit, asked: Asked, order: Sequence[str], monitor: Monitor | None = None) -> Fit:
-    """Fit the base model's effects plus the one asked for, from the values of a fit ``there``: another effect's or the base."""
-    plant, values = _plant_with(Standing.of(base), asked, order)
-    return near(plant, base, values | {name: there.values[name] for name in values if name in there.values}, monitor)
+    """Fit the base model's effects plus the one asked for, from the values of a fit ``there``: another effect's or the base.
+
+    With tight defects at once, and nodes read anew.
+    """
+    standing = Standing.of(base)
+    plant, values = _plant_with(standing, asked, order)
+    known = {name: there.values[name] for name in values if name in there.values}
+    return near(plant, base.runs, values | known, base.noise, monitor=monitor)
 
 
 def without(base: Standing, name: str, monitor: Monitor | None = None) -> Fit:
@@ -154,10 +181,21 @@ def _plant_with(base: Standing, asked: Asked, order: Sequence[str]) -> tuple[Pla
     return plant, {name: value for name, value in values.items() if name in plant.parameter_names}
 
 
+def _at_once(base: Standing, plant: Plant, values: Mapping[str, float], monitor: Monitor | None) -> Fit:
+    """Fit of ``plant`` with tight defects at once, from ``values`` and the base's nodes.
+
+    Loose ones take up what the base follows already, a break-away above all, and may not come back to it.
+    """
+    return near(plant, base.runs, values, base.noise, _known(base, plant), monitor)
+
+
 def _warm(base: Standing, plant: Plant, values: Mapping[str, float], monitor: Monitor | None) -> Fit:
     """Fit of ``plant`` from ``values`` and the base's nodes."""
-    known = {name: row for name, row in base.nodes.items() if name in plant.states}
-    return _fitted(base, plant, values, monitor, known)
+    return _fitted(base, plant, values, monitor, _known(base, plant))
+
+
+def _known(base: Standing, plant: Plant) -> dict[str, np.ndarray]:
+    return {name: row for name, row in base.nodes.items() if name in plant.states}
 
 
 def _fitted(

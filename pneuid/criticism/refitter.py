@@ -33,7 +33,8 @@ class _Task:
     values: Mapping[str, float]
     nodes: Mapping[str, Any]
     noise: Mapping[str, float]
-    loose_cost: float
+    cost: float
+    tight: bool
     effect: str
     start: Mapping[str, float]
     gain: float
@@ -50,7 +51,7 @@ def _made(task: _Task) -> dict[str, Any]:
     os.environ.setdefault("PNEUID_THREADS", "1")
     own = own_effects(task.effect_files, CATALOGUE | LAW_STEPS)
     plant = Plant(task.rig, task.law, effects_by_name(task.present, own))
-    base = Standing(plant, task.runs, task.values, task.nodes, task.noise, task.loose_cost)
+    base = Standing(plant, task.runs, task.values, task.nodes, task.noise, task.cost, task.tight)
     effect = LAW_STEPS[task.effect] if task.effect in LAW_STEPS else effects_by_name([task.effect], own)[0]
     asked = Asked(effect, task.start, task.gain, task.thorough, task.way, task.anew, task.cold)
     return Solution.of(refit(base, asked, task.order)).to_dict()
@@ -69,6 +70,7 @@ class Refitter:
     pool: Pool = field(default_factory=InProcess)
     store: Store = field(default_factory=Store)
     effect_files: Sequence[str] = ()
+    _ended: dict[int, tuple[Fit, Fit]] = field(default_factory=dict)
 
     def each(self, base: Fit, asked: Sequence[Asked]) -> Iterator[tuple[Asked, Callable[[], Fit]]]:
         """What is asked for, in its order, each with a function that makes its fit or waits for it.
@@ -103,8 +105,10 @@ class Refitter:
         return by_sliding(Standing.of(base), self.monitor)
 
     def completed(self, found: Fit) -> Fit:
-        """The fit followed to hard continuity, itself where that leads nowhere."""
-        return completed(found, self.monitor)
+        """The fit followed to hard continuity, itself where that leads nowhere: that takes long, and is found out once."""
+        if id(found) not in self._ended:
+            self._ended[id(found)] = found, completed(found, self.monitor)
+        return self._ended[id(found)][1]
 
     def led(self, base: Fit, there: Fit, asked: Asked) -> Fit:
         """The base model with what is asked for, from the values of a fit ``there``."""
@@ -136,7 +140,7 @@ class Refitter:
         present = tuple(effect.name for effect in base.plant.effects)
         return _Task(
             base.plant.rig, base.plant.law.name, present, base.runs, dict(base.values), dict(base.nodes), dict(base.noise),
-            base.loose_cost, asked.effect.name, dict(asked.start), asked.gain, asked.thorough, asked.way, asked.anew,
+            base.cost, base.tight, asked.effect.name, dict(asked.start), asked.gain, asked.thorough, asked.way, asked.anew,
             asked.cold, tuple(self.order), tuple(map(str, self.effect_files)),
         )  # fmt: skip
 

@@ -36,9 +36,12 @@ Say = Callable[[str], None]
 
 def followed(trial: Trial, current: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
     """The trial, or its exact fit, where it leaves more than next to nothing and that is the better one."""
-    if trial.fit.exact is not None or _next_to_nothing(trial, current, judge):
-        return trial
-    fit = refitter.completed(trial.fit)
+    return trial if _next_to_nothing(trial, current, judge) else _to_the_end(trial, judge, refitter, say)
+
+
+def _to_the_end(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
+    """The trial, or its exact fit, where that is the better one."""
+    fit = trial.fit if trial.fit.exact is not None else refitter.completed(trial.fit)
     if fit is trial.fit:
         return trial
     exact = judge.trial(fit, trial.added)
@@ -53,7 +56,7 @@ def from_standing(score: Score, trial: Trial, current: Trial, judge: Judge, refi
     With loose ones friction may leave a break-away that was right: of a valve's hysteresis at a fifth of its usual size that
     cost 3 % less and predicted by 24 floors, not 1.73; tight at once, by 1.07.
     """
-    if judge.fits(trial) <= judge.fits(current) or score.effect.richer_law or not current.fit.plant.servo:
+    if judge.usually_fits(trial) <= judge.usually_fits(current) or score.effect.richer_law or not current.fit.plant.servo:
         return trial
     name = score.effect.name
     end = judge.trial(refitter.led(current.fit, current.fit, Asked(score.effect, score.whole_start, score.gain)), name)
@@ -68,6 +71,8 @@ def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: 
     from what stood before and from the data alone. Where whole runs are followed to no more than chance above their noise, the
     optimum is the right one.
     """
+    if trial.error < MISFIT:
+        trial = _to_the_end(trial, judge, refitter, say)
     if _noise_alone(trial):
         return trial
     best = followed(read_anew(trial, judge, refitter, say), current, judge, refitter, say)
@@ -75,7 +80,8 @@ def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: 
     if not sizes or _next_to_nothing(best, current, judge):
         return best
     say(f"{trial.added}: from other sizes")
-    asked = [Asked(score.effect, start, score.gain, False, 1.0, not cold, cold) for start in sizes for cold in (False, True)]
+    ways = {"anew": False}, {"anew": True}, {"cold": True}
+    asked = [Asked(score.effect, start, score.gain, False, 1.0, **way) for start in sizes for way in ways]
     ends = [judge.trial(make(), trial.added) for _, make in refitter.each(current.fit, asked)]
     for end in _worth_following(best, ends, judge):
         best = best_end([best, followed(read_anew(end, judge, refitter, say), current, judge, refitter, say)], judge)
@@ -86,8 +92,8 @@ def _worth_following(best: Trial, ends: Sequence[Trial], judge: Judge) -> list[T
     """Of some ``ends`` of one model the one that predicts the training runs best, and the one that costs least, where they beat
     the ``best`` so far: a wrong break-away spoils the predictions of what the cost shows to be near."""
     standing, *costs = comparable_costs(best.fit, *(end.fit for end in ends))
-    closest, cheapest = min(ends, key=judge.fits), ends[int(np.argmin(costs))]
-    found = [closest] if judge.fits(closest) < judge.fits(best) else []
+    closest, cheapest = min(ends, key=judge.usually_fits), ends[int(np.argmin(costs))]
+    found = [closest] if judge.usually_fits(closest) < judge.usually_fits(best) else []
     if cheapest is not closest and min(costs) < (1.0 - CHEAPER) * standing:
         found.append(cheapest)
     return found
@@ -100,13 +106,13 @@ def best_end(ends: Sequence[Trial], judge: Judge) -> Trial:
     whole stretches of the training runs do, but for windows in which a piston may break away, or not. Where two predict nearly
     alike and one costs much more, that one has not converged.
     """
-    ranked = sorted(ends, key=lambda end: (not follows(end), judge.fits(end)))
+    ranked = sorted(ends, key=lambda end: (not follows(end), judge.usually_fits(end)))
     best = ranked[0]
     if follows(best):
         return best
     for other in ranked[1:]:
         dear, cheap = comparable_costs(best.fit, other.fit)
-        if dear > DEARER * cheap and judge.fits(best) > CLEARLY * judge.fits(other):
+        if dear > DEARER * cheap and judge.usually_fits(best) > CLEARLY * judge.usually_fits(other):
             best = other
     return best
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.restarts import (
     NEXT_TO_NOTHING,
     Say,
+    best_end,
     follows,
     from_standing,
     large_starts,
@@ -122,13 +123,18 @@ def refitted(
         return []
     leader = scores[0]
     related = {leader.effect.name, *leader.group}
-    asked = [Asked(one.effect, one.whole_start, one.gain, newly and one.effect.name in related) for one in chosen]
+    servo = current.fit.plant.servo
+    ways = {one.effect.name: _ways(one, one is leader, newly and one.effect.name in related, servo) for one in chosen}
+    makes = _by_effect(refitter.each(current.fit, [asked for each in ways.values() for asked in each]))
     tried: Tried = []
-    for score, (_, make) in zip(chosen, refitter.each(current.fit, asked), strict=True):
+    for score in chosen:
+        explained = any(all_explained(trial, current, judge) for _, trial in tried)
         minor = score.effect.name not in related and score.drop < CLOSE * leader.drop
-        if minor and len(tried) > 1 and any(_all_explained(trial, current, judge) for _, trial in tried):
+        if minor and len(tried) > 1 and explained:
             continue
-        trial = from_standing(score, _tried(current, score, make, judge, say), current, judge, refitter, say)
+        each = makes[score.effect.name][: 1 if explained else None]
+        ends = (_tried(current, score, make, judge, say) for make in each)
+        trial = from_standing(score, _first_that_explains(ends, current, judge), current, judge, refitter, say)
         if not newly and score.gain > CLEAR_DROP and score.effect.equation in ACTING_ON["force"]:
             trial = _with_break_away(trial, current, score, judge, refitter, say)
         tried.append((score, trial))
@@ -139,7 +145,7 @@ def overtaking(
     current: Trial, scores: Sequence[Score], tried: Tried, judge: Judge, refitter: Refitter, say: Say
 ) -> Tried:
     """Those tried, and trials with effects that promise little at zero but most of all at a step of a typical size."""
-    if not scores or any(_all_explained(trial, current, judge) for _, trial in tried):
+    if not scores or any(all_explained(trial, current, judge) for _, trial in tried):
         return tried
     known = {score.effect.name for score, _ in tried}
     typical = {one.effect.name: typical_start(current, one) for one in scores if one.effect.name not in known}
@@ -194,13 +200,14 @@ def second_looks(
     jumps = jumped(current.fit, scores, typical, refitter.order)
     left = sorted(open_ones, key=lambda score: -max(score.drop, jumps[score.effect.name].drop))[:SECOND_LOOKS]
     starts = {score.effect.name: [jumps[score.effect.name].start, *large_starts(current, score)] for score in left}
+    servo = current.fit.plant.servo
+    ways = (False, True) if servo else (True,)
     asked = [
-        Asked(score.effect, start, score.gain, way=1.0, anew=True) for score in left for start in starts[score.effect.name]
-    ]
+        Asked(score.effect, start, score.gain, not servo, 1.0, anew)
+        for score in left for start in starts[score.effect.name] for anew in ways
+    ]  # fmt: skip
     looked = {score.effect.name: (score, trial) for score, trial in tried}
-    makes: dict[str, list[Callable[[], Fit]]] = {}
-    for one, make in refitter.each(current.fit, asked):
-        makes.setdefault(one.effect.name, []).append(make)
+    makes = _by_effect(refitter.each(current.fit, asked))
     for score in left:
         name = score.effect.name
         ends = (_tried(current, score, make, judge, say) for make in makes[name])
@@ -209,19 +216,37 @@ def second_looks(
             trial = read_anew(trial, judge, refitter, say)
         if name not in known or trial.error < known[name].error:
             looked[name] = score, trial
-        if _all_explained(trial, current, judge):
+        if all_explained(trial, current, judge):
             break  # nothing is left for the others to explain
     return list(looked.values())
 
 
+def _ways(score: Score, leads: bool, thorough: bool, servo: bool) -> list[Asked]:
+    """How an effect is refitted: from what stood; where it shall be thorough on a servo rig from break-away read anew as well,
+    and the one that ``leads`` from the data's own guess."""
+    first = Asked(score.effect, score.whole_start, score.gain, thorough)
+    if not (thorough and servo) or score.effect.richer_law:
+        return [first]
+    anew = Asked(score.effect, score.whole_start, score.gain, way=1.0, anew=True)
+    return [first, anew, *([Asked(score.effect, score.whole_start, score.gain, cold=True)] if leads else [])]
+
+
+def _by_effect(each: Iterable[tuple[Asked, Callable[[], Fit]]]) -> dict[str, list[Callable[[], Fit]]]:
+    """What makes the fits, by the effects that they add."""
+    makes: dict[str, list[Callable[[], Fit]]] = {}
+    for one, make in each:
+        makes.setdefault(one.effect.name, []).append(make)
+    return makes
+
+
 def _first_that_explains(ends: Iterator[Trial], current: Trial, judge: Judge) -> Trial:
-    """The first of the ends of one model that explains all, else the one that predicts the training runs best."""
+    """The first of the ends of one model that explains all, else the best of them."""
     found = []
     for trial in ends:
         found.append(trial)
-        if _all_explained(trial, current, judge):
+        if all_explained(trial, current, judge):
             return trial
-    return min(found, key=judge.fits)
+    return best_end(found, judge)
 
 
 def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[Score, Trial] | None:
@@ -250,7 +275,12 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[
 
 
 def promised_alike(chosen: Score, tried: Tried) -> Tried:
-    """The trials of effects of which screening expects as much as of the chosen one; without the same care they seem worse."""
+    """The trials of effects of which screening expects as much as of the chosen one; without the same care they seem worse.
+
+    None where it expects nothing of that one, which a second look has found.
+    """
+    if chosen.drop < LEAST_DROP:
+        return []
     return [pair for pair in tried if pair[0] is not chosen and pair[0].drop > ALIKE * chosen.drop]
 
 
@@ -300,7 +330,7 @@ def _tried(current: Trial, score: Score, make: Callable[[], Fit], judge: Judge, 
     return trial
 
 
-def _all_explained(trial: Trial, current: Trial, judge: Judge) -> bool:
+def all_explained(trial: Trial, current: Trial, judge: Judge) -> bool:
     """Whether a trial leaves next to nothing of what the standing model left."""
     return trial.error - 1.0 < max(judge.small, NEXT_TO_NOTHING * (current.error - 1.0))
 

@@ -22,6 +22,7 @@ from pneuid.criticism.rounds import (
     Say,
     Tried,
     accepted,
+    all_explained,
     costs,
     least_drop,
     leaves_far,
@@ -66,6 +67,9 @@ SUSPECT = (
 
 MINOR = 0.5
 """Share of the excess explained, below which what was found stands in for something else, or beside something larger."""
+
+EQUALS = 3
+"""Effects at most that are started again with the same care as the best one, those that promise most first."""
 
 MISSED, STAYS = 0.02, 0.25
 """Shares of the base model's excess, and of the error that is left, below which an effect's absence is not felt."""
@@ -269,7 +273,7 @@ class Walk:
                 return tried, chosen
             if chosen[0].effect.name in known:
                 return self._with_rivals(tried, chosen)
-            equals = [] if self.pooled else promised_alike(chosen[0], tried)
+            equals = [] if self.pooled else promised_alike(chosen[0], tried)[:EQUALS]
             for one in (chosen, *equals):
                 if one[0].effect.name in known:
                     continue
@@ -295,11 +299,14 @@ class Walk:
         """
         if self.pooled:
             return tried
-        ended = [
-            (score, followed(trial, self.current, self.judge, self.refitter, self.say) if near else trial)
-            for (score, trial), near in zip(tried, alike_in_training(tried, self.current), strict=True)
-        ]
-        return self._by_one_floor(ended)
+        alike_ones = [pair for pair, near in zip(tried, alike_in_training(tried, self.current), strict=True) if near]
+        ended = {score.effect.name: trial for score, trial in tried}
+        for score, trial in sorted(alike_ones, key=lambda pair: self.judge.usually_fits(pair[1])):
+            end = followed(trial, self.current, self.judge, self.refitter, self.say)
+            ended[score.effect.name] = end
+            if follows(end) or all_explained(end, self.current, self.judge):
+                break  # rivals that promised as much start from where this one led
+        return self._by_one_floor([(score, ended[score.effect.name]) for score, _ in tried])
 
     def _best(self, tried: Tried) -> tuple[Score, Trial] | None:
         """The trial to accept, if any: what the held-out runs say, or all runs where those cannot judge."""

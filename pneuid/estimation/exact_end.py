@@ -33,6 +33,10 @@ DEARER = 0.01
 LIKELY = 2
 """Ways to the exact fit that are tried where it is asked for soon: straight, where that is near, and windows from one start."""
 
+NO_SLACK = 1.0
+"""Cost along windows, in units of the limit of the whole path, at which they are given up there: of paths that led to an exact
+fit none cost more than 1.4 times the shortest windows on the way."""
+
 Way = Callable[[], Exact | None]
 """One attempt at the exact fit; None where it leads to none."""
 
@@ -87,7 +91,7 @@ def likely_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
     end = End(problem, soft)
 
     def windows(X: np.ndarray) -> Exact | None:
-        return exact_by_windows(problem, soft.outcome, X, task.monitor)[0]
+        return exact_by_windows(problem, soft.outcome, X, task.monitor, NO_SLACK)[0]
 
     for way in islice(_ways(task, problem, soft, windows), LIKELY if end.near else 0):
         end = replace(end, hard=way())

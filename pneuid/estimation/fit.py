@@ -44,6 +44,11 @@ LACKING = (
 )
 
 
+FINER = 2
+"""Times that a refit's time step may be finer than what it starts from needs: a bristle that stiffens more leads nowhere, and
+takes minutes to get there."""
+
+
 @dataclass(frozen=True)
 class Fit:
     """Result of an identification.
@@ -166,7 +171,8 @@ def sharper(found: Fit, monitor: Monitor | None = None) -> Fit:
     Raises ``Interrupted`` with the best so far after a ctrl-C.
     """
     began = time.monotonic()
-    task = Task(found.plant, [run.recording for run in found.runs], found.runs, {}, monitor, again=True)
+    finest = FINER * found.problem.substeps
+    task = Task(found.plant, [run.recording for run in found.runs], found.runs, {}, monitor, again=True, finest=finest)
     before = (found.problem, Relaxed(found.relaxed, found.defect_level, found.loose))
     problem, soft = tightly(task, before)
     if soft is before[1]:
@@ -177,15 +183,19 @@ def sharper(found: Fit, monitor: Monitor | None = None) -> Fit:
     return best
 
 
-def near(plant: Plant, before: Fit, start: Mapping[str, float], monitor: Monitor | None = None) -> Fit:
-    """Relaxed fit of ``plant`` to the runs of a fit ``before``, from a ``start`` (SI) that is near its end: tight at once.
+def near(
+    plant: Plant, runs: Sequence[Run], start: Mapping[str, float], noise: Mapping[str, float],
+    nodes: Mapping[str, np.ndarray] | None = None, monitor: Monitor | None = None,
+) -> Fit:  # fmt: skip
+    """Relaxed fit of ``plant`` to ``runs`` from a ``start`` (SI) that is near its end: with tight defects at once.
 
-    Raises ``Interrupted`` with what it had reached after a ctrl-C.
+    ``nodes`` as in ``fit``. Raises ``Interrupted`` with what it had reached after a ctrl-C.
     """
     began = time.monotonic()
-    task = Task(plant, [run.recording for run in before.runs], before.runs, {}, monitor, again=True)
+    task = Task(plant, [run.recording for run in runs], tuple(runs), nodes or {}, monitor, again=True)
+    task = replace(task, finest=FINER * task.substeps(task.guess | dict(start)))
     problem, soft = relaxed_fit(task, start, tight_stage)
-    found = result_of(End(problem, soft), before.noise, time.monotonic() - began)
+    found = result_of(End(problem, soft), dict(noise), time.monotonic() - began)
     if soft.outcome.status == INTERRUPTED:
         raise Interrupted(replace(found, converged=False, status=f"interrupted, best so far; {found.status}"))
     return found

@@ -62,10 +62,10 @@ def walked(whole: Chained, X: np.ndarray, monitor: Monitor | None, settling: Set
 
 
 def grown(
-    problem: Shooting, X: np.ndarray, limit: float, monitor: Monitor | None, settling: Settling = CLOSE
+    problem: Shooting, X: np.ndarray, limit: float, monitor: Monitor | None, settling: Settling = CLOSE, slack: float = SLACK
 ) -> Grown:
     """Best path of one simulation per stretch from ``X`` (variables of ``problem``); none where it ends above the cost
-    ``limit``, or windows on the way there far above it.
+    ``limit``, or windows on the way there above ``slack`` times that.
 
     Raises ``KeyboardInterrupt`` where it is stopped.
     """
@@ -77,7 +77,7 @@ def grown(
     while cuts:
         found = walked(Chained(problem, cuts), X, monitor, ROUGHLY)
         costs.append(found.cost)
-        if not found.cost < SLACK * limit:
+        if not found.cost < slack * limit:
             return Grown(None, tuple(costs), held)
         if found.cost <= RISEN * costs[0]:
             held = found.X

@@ -40,7 +40,7 @@ class Solution:
     iterations: int
     seconds: float
     level: float
-    loose_cost: float
+    loose_cost: float | None
 
     @classmethod
     def of(cls, fit: Fit) -> Self:
@@ -49,7 +49,7 @@ class Solution:
         return cls(
             fit.plant.law.name, tuple(effect.name for effect in fit.plant.effects), dict(problem.values), dict(fit.ranges),
             problem.substeps, problem.samples, problem.relaxation, tuple(soft.X.tolist()), soft.cost, soft.penalty, soft.status,
-            soft.success, soft.iterations, soft.seconds, fit.defect_level, fit.loose_cost,
+            soft.success, soft.iterations, soft.seconds, fit.defect_level, fit.loose,
         )  # fmt: skip
 
     @classmethod

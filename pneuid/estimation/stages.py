@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pneuid.estimation.chained import Chained
-from pneuid.estimation.growing import Grown, grown, walked
+from pneuid.estimation.growing import SLACK, Grown, grown, walked
 from pneuid.estimation.refined import Refined
 from pneuid.estimation.shooting import LOOSE, TIGHT, Shooting
 from pneuid.estimation.solver import (
@@ -198,11 +198,14 @@ def exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Ex
 
 
 def exact_by_windows(
-    problem: Shooting, soft: Outcome, X: np.ndarray, monitor: Monitor | None
+    problem: Shooting, soft: Outcome, X: np.ndarray, monitor: Monitor | None, slack: float = SLACK
 ) -> tuple[Exact | None, Grown]:
-    """The exact fit along windows that merge, from ``X`` (variables of ``problem``), as ``exact_stage``, and these windows."""
+    """The exact fit along windows that merge, from ``X`` (variables of ``problem``), as ``exact_stage``, and these windows.
+
+    ``slack`` as in ``grown``.
+    """
     fine = _like(problem, soft.X, problem.substeps)
-    windows = grown(fine, X, NEAR_RELAXED * (soft.cost + soft.penalty), monitor)
+    windows = grown(fine, X, NEAR_RELAXED * (soft.cost + soft.penalty), monitor, slack=slack)
     return _finished(fine, windows.path, monitor), windows
 
 

@@ -28,7 +28,8 @@ class Task:
     """What every start of one fit shares.
 
     known : node states ``(nint,)`` by name that replace the first guess's; loosely : when loose defects have settled; again :
-    whether a model was fitted to these runs before, so that they are known to be sampled fast enough.
+    whether a model was fitted to these runs before, so that they are known to be sampled fast enough; finest : substeps per
+    sample at most.
     """
 
     plant: Plant
@@ -38,6 +39,7 @@ class Task:
     monitor: Monitor | None
     loosely: Settling = USUAL
     again: bool = False
+    finest: int = LARGEST_SUBSTEPS
 
     @cached_property
     def guess(self) -> dict[str, float]:
@@ -59,7 +61,7 @@ class Task:
                 f"sample (at most {LARGEST_SUBSTEPS}); check the unit of t and the sizes and mass in rig.toml; if they are "
                 'right, record faster or choose friction = "stribeck"'
             )
-        return min(needed, LARGEST_SUBSTEPS)
+        return min(needed, self.finest)
 
     @property
     def ranges(self) -> dict[str, float]:
