@@ -87,6 +87,13 @@ def test_it_gives_up_where_windows_end_far_above_the_limit_or_the_path_above_it(
     assert len(windows.cuts) == walks and len(found.costs) == min(walks, 5)
 
 
+def test_without_slack_windows_that_cost_more_than_a_whole_path_may_are_the_last(monkeypatch):
+    windows = _Windows(monkeypatch, lambda n: 2.1 if n == 3 else 1.0)
+    assert grown(problem(), "a", 2.0, None, slack=1.0).path is None and len(windows.cuts) == 3
+    windows = _Windows(monkeypatch, lambda n: 1.9 if n == 3 else 1.0)
+    assert grown(problem(), "a", 2.0, None, slack=1.0).path is not None
+
+
 def test_what_short_windows_show_is_kept_as_long_as_they_cost_little_more_than_the_shortest(monkeypatch):
     windows = _Windows(monkeypatch, lambda n: {1: 1.0, 2: 1.1, 3: 1.3, 4: 1.1, 5: 5.0}.get(n, 9.0))
     monkeypatch.setattr(growing, "walked", lambda whole, X, *_: replace(windows.walked(whole, X, None, None), X=X + 1))

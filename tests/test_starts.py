@@ -70,6 +70,31 @@ def test_a_start_too_stiff_for_the_samples_is_no_slow_recording_where_a_model_wa
     assert replace(first, again=True).substeps({}) == first.substeps({}) == 3
 
 
+@pytest.mark.parametrize("way", ["near", "sharper"])
+def test_the_step_of_a_refit_gets_at_most_twice_as_fine_as_what_it_starts_from(way, monkeypatch):
+    """A friction that stiffened from 7 to 40 substeps took minutes, and led nowhere."""
+    steps = []
+
+    def solved(task, *_):
+        monkeypatch.setattr("pneuid.estimation.task.substeps_needed", lambda *_: 40)
+        steps.append(task.substeps({}))
+        raise InterruptedError
+
+    monkeypatch.setattr("pneuid.estimation.task.substeps_needed", lambda *_: 7)
+    monkeypatch.setattr(Task, "ranges", {})
+    monkeypatch.setattr(Task, "guess", {})
+    monkeypatch.setattr(fitting, "relaxed_fit", solved)
+    monkeypatch.setattr(fitting, "tightly", solved)
+    run = SimpleNamespace(data=np.full((1, 9), 1e-3), recording=None)
+    plant = SimpleNamespace(theta=lambda *_: None)
+    found = SimpleNamespace(
+        plant=plant, runs=(run,), problem=SimpleNamespace(substeps=7), relaxed=None, defect_level=1.0, loose=None
+    )
+    with pytest.raises(InterruptedError):
+        fitting.near(plant, (run,), {}, {}) if way == "near" else fitting.sharper(found)
+    assert steps == [14]
+
+
 def test_runs_that_were_only_prepared_are_not_known_to_be_fast_enough(monkeypatch):
     """A bench's joint fit prepares its runs itself, and is the first one to them."""
     recording = Recording.from_arrays("s5.csv", helpers.rig(), **record_servo(TruthServo(), NOTHING, "multisine", 1.0, 5))

@@ -256,6 +256,20 @@ def test_what_fits_the_training_runs_alike_is_followed_to_its_exact_fit_and_noth
     assert walking()._followed(tried) == tried and asked == ["valve_lag", "line_delay"]
 
 
+@pytest.mark.parametrize(("explains", "asked"), [(True, ["line_delay"]), (False, ["line_delay", "valve_lag"])])
+def test_the_best_predictor_of_the_training_runs_is_followed_first_and_the_last_that_explains_all(explains, asked, monkeypatch):
+    seen = []
+    monkeypatch.setattr(walk, "followed", lambda trial, *_: seen.append(trial.added) or trial)
+    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    ends = {"valve_lag": (26_333.0, 9.0, 3.0), "line_delay": (26_400.0, 1.1 if explains else 20.0, 2.0)}
+    tried = [
+        (score(name, 800.0), replace(stub(error, cost, name), usual_train={"x": training}))
+        for name, (cost, error, training) in ends.items()
+    ]
+    judge = SimpleNamespace(**vars(JUDGE) | {"usually_fits": lambda trial: trial.usual_train["x"]})
+    assert walking(judge)._followed(tried) == tried and seen == asked
+
+
 TOLD = {"gravity": (1.2, 42_000.0, True), "load_spring": (1.1, 42_500.0, True)}
 """Held-out error, training cost, and whether noise alone is left of the training runs."""
 
