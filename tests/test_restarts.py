@@ -158,8 +158,10 @@ def test_a_cold_refit_takes_the_effects_values_alone_from_what_it_is_given(monke
     assert refits.refit(standing, asked, list(CATALOGUE)) == {"F_g": 2.0, "tau_L": 0.02}
 
 
-def _refits(monkeypatch, ends, tight=True, kind="servo", law="lugre", **asked):
+def _refits(monkeypatch, ends, tight=True, kind="servo", law="lugre", warm=TIGHT, **asked):
     """Cost of the refit that is kept, and how fits began: tight or warm with the lag in s, or cold.
+
+    ``warm`` is the relaxation in which a warm one ends.
 
     ``ends`` are their relaxed costs in turn; the base of cost 100 has defects as ``tight`` says; 10 % are promised.
     """
@@ -175,7 +177,7 @@ def _refits(monkeypatch, ends, tight=True, kind="servo", law="lugre", **asked):
         return fitted
 
     monkeypatch.setattr(refits, "_at_once", made("tight", TIGHT))
-    monkeypatch.setattr(refits, "_warm", made("warm", TIGHT))
+    monkeypatch.setattr(refits, "_warm", made("warm", warm))
     monkeypatch.setattr(refits, "_fitted", made("cold", TIGHT))
     monkeypatch.setattr(refits, "_break_away", lambda _: {})
     monkeypatch.setattr(refits, "_force_error", lambda end: end.relaxed_cost)
@@ -217,6 +219,11 @@ def test_on_a_bench_a_thorough_refit_always_starts_twice(monkeypatch):
     assert _refits(monkeypatch, (91.0,), kind="bench") == (91.0, [("warm", 0.01)])
     assert _refits(monkeypatch, (91.0, 90.0), kind="bench", thorough=True) == (90.0, [("warm", 0.01), COLD])
     assert _refits(monkeypatch, (95.0, 97.0), kind="bench") == (95.0, [("warm", 0.01), COLD])
+
+
+def test_what_loose_defects_alone_carry_is_dearer_than_a_base_that_has_tight_ones(monkeypatch):
+    began = [("warm", 0.01), ("warm", 0.0004), COLD]
+    assert _refits(monkeypatch, (91.0, 93.0, 95.0), kind="bench", warm=1.0) == (91.0, began)
 
 
 def test_from_the_laws_of_sliding_friction_alone_starts_anew(monkeypatch):

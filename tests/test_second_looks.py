@@ -171,3 +171,10 @@ def test_a_leading_effect_that_leaves_a_quarter_of_the_excess_leaves_much(left, 
     excess = FIRST.error - 1.0
     assert rounds.leaves_much((score("line_delay", 900.0), stub(1.0 + left * excess, 1.0)), FIRST) is much
     assert rounds.leaves_much(None, FIRST)
+
+
+@pytest.mark.parametrize(("servo", "anew"), [(True, [False, True]), (False, [True])])
+def test_on_a_servo_rig_a_second_look_keeps_break_away_as_it_stood_first(servo, anew, monkeypatch):
+    monkeypatch.setattr(FIRST.fit.plant, "servo", servo)
+    refitter, _ = _looks(monkeypatch, {"gravity": (140.0, 27_000.0)}, [score("gravity", 5.0)])
+    assert [one.anew for one in refitter.asked] == anew and all(one.way == 1.0 for one in refitter.asked)

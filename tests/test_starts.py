@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass, replace
+from functools import partial
 from types import SimpleNamespace
 
 import helpers
@@ -430,3 +431,13 @@ def test_a_leak_that_the_relaxed_fit_hardly_shows_is_said_to_be_missing(share):
     sound = [helpers.servo_run(kind, bar, 11 + bar) for kind, bar in (("multisine", 5), ("steps", 7))]
     end = fitting.fit(Plant(helpers.rig(), "lugre"), sound)
     assert end.stage == "exact" and not end.lacking
+
+
+def test_a_fit_that_is_followed_soon_gives_up_where_windows_cost_more_than_a_whole_path_may(monkeypatch):
+    given = []
+    monkeypatch.setattr(exact_end, "exact_by_windows", lambda *args: (given.append(args[-1]), (None, None))[1])
+    monkeypatch.setattr(exact_end, "_ways", lambda _task, _problem, soft, windows: [partial(windows, soft.outcome.X)])
+    monkeypatch.setattr(exact_end.End, "near", True)
+    soft = Relaxed(Outcome(np.zeros(1), 1.0, 0.0, "", True, 1, 0.0), 0.1, 1.0)
+    assert exact_end.likely_end(SimpleNamespace(monitor=None), SimpleNamespace(), soft).hard is None
+    assert given == [1.0]
