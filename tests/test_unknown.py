@@ -131,7 +131,26 @@ STOOD_IN = [
 
 @pytest.mark.parametrize(("effect", "explains", "alone", "verdict"), STOOD_IN)
 def test_an_effect_that_stood_in_for_the_unknown_gives_way_to_it(effect, explains, alone, verdict, monkeypatch):
-    """The named effect explains a share of the held-out excess of 99 floors, the unknown force over x alone another."""
+    """The named effect explains a share of the held-out excess of 99 floors, the unknown force over x alone another.
+
+    Of what that takes of the training cost the effect takes half.
+    """
+    found = _stood_in(effect, explains, alone, 0.5, monkeypatch)
+    names = tuple(effect.split())
+    assert found.verdict == verdict
+    assert found.effects == (() if verdict == "unknown" else names)
+    assert found.unknown is not None and found.unknown.curve is not None
+
+
+@pytest.mark.parametrize(("took", "verdict"), [(0.01, "unknown"), (0.3, "unknown"), (0.36, "effect")])
+def test_effects_that_the_training_runs_hardly_show_give_way_to_what_they_show(took, verdict, monkeypatch):
+    """A clamped rod seal: viscous friction took 0.1 % of the training cost and 54 % of the held-out excess, friction over dp
+    12 % and 77 %."""
+    assert _stood_in("friction_viscous_nonlinear", 0.54, 0.76, took, monkeypatch).verdict == verdict
+    assert _stood_in("friction_viscous_nonlinear", 0.54, 0.53, took, monkeypatch).verdict == "effect"
+
+
+def _stood_in(effect: str, explains: float, alone: float, took: float, monkeypatch) -> Diagnosis:
     names = tuple(effect.split())
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
     monkeypatch.setattr(
@@ -143,10 +162,8 @@ def test_an_effect_that_stood_in_for_the_unknown_gives_way_to_it(effect, explain
     ]
     diagnosis = Diagnosis("effect", names, (), Unknown("force", ("x",), 1.0, "N"))
     best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE[name] for name in names]))
-    found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
-    assert found.verdict == verdict
-    assert found.effects == (() if verdict == "unknown" else names)
-    assert found.unknown is not None and found.unknown.curve is not None
+    best = replace(best, relaxed=replace(base.relaxed, cost=base.relaxed.cost - took * named.gain))
+    return explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
 
 
 @pytest.mark.parametrize(
@@ -322,15 +339,20 @@ def test_the_held_out_runs_choose_among_what_the_training_runs_show(monkeypatch)
     assert _judged(monkeypatch, [(330.0, VALVE), (310.0, LEAK), (240.0, HALF)], costs, errors)[0] == LEAK
 
 
-def test_what_ranks_low_is_tried_where_the_held_out_runs_bear_no_leader_out(monkeypatch):
-    costs, errors = {VALVE: 690.0, ENCODER: 900.0}, {VALVE: 6000.0, ENCODER: 10.0}
-    assert _judged(monkeypatch, [(310.0, VALVE), (100.0, ENCODER)], costs, errors)[0] == ENCODER
-    # a leader that is borne out spares the others, and what takes next to nothing of the cost is none
-    errors[VALVE] = 70.0
-    best, _, _, asked = _judged(monkeypatch, [(310.0, VALVE), (100.0, ENCODER)], costs, errors)
+def test_what_takes_far_less_of_the_cost_than_the_leader_is_not_asked_of_the_held_out_runs(monkeypatch):
+    costs, errors = {VALVE: 690.0, ENCODER: 820.0}, {VALVE: 99.0, ENCODER: 10.0}
+    best, _, _, asked = _judged(monkeypatch, [(310.0, VALVE), (180.0, ENCODER)], costs, errors)
     assert best == VALVE and asked == [VALVE]
-    errors[VALVE] = 80.0
-    assert _judged(monkeypatch, [(310.0, VALVE), (50.0, ENCODER)], costs, errors)[3] == [VALVE]
+    assert _judged(monkeypatch, [(310.0, VALVE), (190.0, ENCODER)], costs, errors)[0] == ENCODER
+
+
+def test_no_more_than_three_of_an_equation_and_six_in_all_are_fitted(monkeypatch):
+    names = ["flow_2(p1)", "flow_2(p2)", "flow_2(dp)", "flow_2(x)", "valve(p1)", "valve(p2)", "flow_1(p1)", "flow_1(p2)"]
+    parts = [name.rstrip(")").split("(") for name in names]
+    ranked = [(300.0 - k, (Term(equation, signal),)) for k, (equation, signal) in enumerate(parts)]
+    same = {terms: 700.0 for _, terms in ranked}
+    asked = _judged(monkeypatch, ranked, same, same)[3]
+    assert [f"{term.equation}({term.signal})" for (term,) in asked] == [*names[:3], *names[4:7]]
 
 
 def test_where_none_is_borne_out_the_training_runs_choose(monkeypatch):

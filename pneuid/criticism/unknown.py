@@ -48,13 +48,13 @@ WORTH_KNOTS = 1.2
 LEAKS = (("x", "dp"), ("dp", ""))
 """Signals and factors of a leak across the piston: what one chamber gains the other loses, so both flows are tried as one."""
 
-LEADERS = 8
-"""Terms, or leaks, that are fitted jointly with the parameters and judged on the held-out runs."""
+LEADERS, OF_ONE = 6, 3
+"""Terms, or leaks, that are fitted with the parameters and judged on the held-out runs: in all, and of one equation."""
 
-NEAR, FAR = 0.6, 0.2
-"""Shares of the leading predicted drop below which another is not fitted: at first, and where the held-out runs bear none of
-those out. What chance or a wrong parameter makes of the training runs may lead there: of a leak at a place over the stroke a
-valve over the supply took 31 % of the cost and made the held-out error eight times as large, the leak took 33 %."""
+NEAR = 0.6
+"""Share of the leading predicted drop below which another is not fitted. The leader may be what a wrong parameter makes of the
+training runs: of a leak at a place over the stroke a valve over the supply took 31 % of the cost and made the held-out error
+eight times as large, the leak took 33 %. Below that share chance chooses: a force over p2 in place of a drag chain's."""
 
 ALIKE = 0.8
 """Share of the held-out excess that the best term explains which another must explain to be said to explain as much."""
@@ -170,13 +170,7 @@ def judged(
     Where these bear none out, that which follows the training runs best. ``before`` : the error without any.
     """
     least = before - LEAST_EXPLAINED * (before - 1.0)
-    found: list[tuple[float, Joint]] = []
-    lead = ranked[0][0]
-    for least_drop, below in ((NEAR * lead, np.inf), (FAR * lead, NEAR * lead)):
-        among = [terms for drop, terms in ranked if least_drop <= drop < below][:LEADERS]
-        found += [(error(joint), joint) for joint in map(probing.fitted, among)]
-        if any(after < least for after, _ in found):
-            break
+    found = [(error(joint), joint) for joint in map(probing.fitted, _leaders(ranked))]
     borne_out = [pair for pair in found if pair[0] < least]
     # the drop first, where chance alone decides on the held-out runs
     after, best = min(borne_out, key=lambda pair: pair[0]) if borne_out else min(found, key=lambda pair: pair[1].cost)
@@ -186,6 +180,16 @@ def judged(
     gain, enough = probing.start_cost - best.cost, before - ALIKE * (before - after)
     alike = [joint for other, joint in found if joint.cost - best.cost < TIED * gain and (not borne_out or other < enough)]
     return best, after, tuple(joint.terms[0] for joint in alike if joint.terms[0] not in best.terms)
+
+
+def _leaders(ranked: Sequence[Ranked]) -> list[tuple[Term, ...]]:
+    """The leading terms, not too many of one equation."""
+    found: list[tuple[Term, ...]] = []
+    for drop, terms in ranked:
+        same = sum(other[0].equation == terms[0].equation for other in found)
+        if drop >= NEAR * ranked[0][0] and same < OF_ONE and len(found) < LEADERS:
+            found.append(terms)
+    return found
 
 
 def ranking(probing: Probing) -> list[Ranked]:
@@ -345,14 +349,15 @@ def _other(found: Found, equations: set[str]) -> bool:
 def _takes_place(verdict: Verdict, alone: Found, left: float, excess: float) -> bool:
     """Whether a term beside no effect explains clearly more than effects that leave that much of the squared ``excess``.
 
-    What explains nearly all need only explain more, unless the effects do so as well. Of a function whose signal leaves its
-    range in the held-out runs the training runs must show far more than of the effects, and of any more.
+    What explains nearly all need only explain more, unless the effects do so as well, and so need what the training runs show
+    far more than the effects: these may have helped by chance. Of a function whose signal leaves its range in the held-out runs
+    the training runs must show far more, of any more.
     """
     without, with_them = comparable_costs(verdict.base, verdict.best)
-    share = MORE if alone.beyond < UNCOVERED else TIMES
-    known = alone.gain > share * (without - with_them)
+    far_more = alone.gain > TIMES * (without - with_them)
+    known = far_more or (alone.beyond < UNCOVERED and alone.gain > MORE * (without - with_them))
     plainer = alone.explained > NEARLY_ALL and left > (1.0 - NEARLY_ALL) * excess
-    return known and alone.after - 1.0 < (1.0 if plainer else HALF) * left
+    return known and alone.after - 1.0 < (1.0 if plainer or far_more else HALF) * left
 
 
 def _unknown(found: Found) -> Unknown:
