@@ -103,5 +103,14 @@ def test_what_the_held_out_runs_cannot_tell_from_its_collinear_mate_is_ambiguous
     current = stub(4.6, 30_687.0)
     chosen = score("inlet_mixing", 154.0, group), stub(left, 30_534.0, "inlet_mixing")
     mate = score("valve_critical_ratio", 150.0), stub(7.5, cost, "valve_critical_ratio")
-    found = alike(chosen, [chosen, mate], current, SimpleNamespace(small=0.15))
+    found = alike(chosen, [chosen, mate], current, SimpleNamespace(small=0.15, spread=0.04))
     assert [pair[0].effect.name for pair in found if pair is not chosen] == rivals
+
+
+@pytest.mark.parametrize(("left", "mate_leaves", "rival"), [(1.14, 1.17, True), (1.14, 1.19, False), (1.16, 1.23, True)])
+def test_where_noise_alone_is_left_a_mate_may_leave_no_more_than_noise_moves_beyond_it(left, mate_leaves, rival):
+    """An offset of p2 at 0.184 and one of F at 0.198 of the excess, where 0.195 counts as none, fit the same runs alike."""
+    chosen = score("sensor_offset_p2", 15_000.0, ("sensor_offset_F",)), stub(left, 15_339.0, "sensor_offset_p2")
+    mate = score("sensor_offset_F", 15_000.0), stub(mate_leaves, 15_339.0, "sensor_offset_F")
+    found = alike(chosen, [chosen, mate], stub(4.0, 30_868.0), SimpleNamespace(small=0.15, spread=0.04))
+    assert (mate in found) == rival

@@ -22,8 +22,8 @@ LED, BEHIND = 3, 2.0
 def alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge) -> Tried:
     """Effects that explain the held-out runs and the training runs about as well as the chosen one.
 
-    Where that one leaves noise alone, so must they. Where it leaves more of the excess than it takes, and follows no whole run,
-    the held-out runs do not tell it from those of its group that cost as much.
+    Where that one leaves noise alone, so must they, or no more than noise moves beyond it. Where it leaves more of the excess
+    than it takes, and follows no whole run, the held-out runs do not tell it from those of its group that cost as much.
     """
     excess = max(current.error - 1.0, 1e-12)
     left = chosen[1].error - 1.0
@@ -34,7 +34,8 @@ def alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judg
         if undecided and score.effect.name in chosen[0].group and abs(other - best) < SURE:
             return True
         ahead = (trial.error - chosen[1].error) / excess < TELLING
-        ahead = ahead and (trial.error - 1.0 < judge.small or not clean)
+        by_noise = trial.error - chosen[1].error < judge.spread
+        ahead = ahead and (trial.error - 1.0 < judge.small or by_noise or not clean)
         return ahead and other - best < max(TELLING * (before - best), SURE)
 
     return [pair for pair in tried if close(*pair)]
