@@ -15,6 +15,11 @@ from pneuid.criticism.trial import Judge, Trial
 HALF = 0.5
 """Share of the held-out excess left, above which those runs do not tell an effect from another that is collinear with it."""
 
+AGREED, BEYOND_NOISE = 60.0, 3.0
+"""Half the sum of squares of the training runs, and times the noise of the held-out error, by which both must speak for the
+better of two effects to tell it from the other, however small a share of the gain that is. Of inlet mixing and the critical
+ratio, each hidden in its turn, neither kind of run alone was always right; where they agreed, by 128 and 280, they were."""
+
 LED, BEHIND = 3, 2.0
 """Others at most that start from where the chosen effect led, the likeliest first, and times its excess that they leave."""
 
@@ -36,23 +41,34 @@ def alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judg
         ahead = (trial.error - chosen[1].error) / excess < TELLING
         by_noise = trial.error - chosen[1].error < judge.spread
         ahead = ahead and (trial.error - 1.0 < judge.small or by_noise or not clean)
-        return ahead and other - best < max(TELLING * (before - best), SURE)
+        return ahead and other - best < max(TELLING * (before - best), SURE) and not _told(chosen[1], trial, judge)
 
     return [pair for pair in tried if close(*pair)]
 
 
-def contains(one: tuple[Score, Trial], other: tuple[Score, Trial], current: Trial) -> bool:
+def _told(better: Trial, other: Trial, judge: Judge) -> bool:
+    """Whether the held-out runs and the training runs both speak for the better of two effects."""
+    noise = judge.spread * better.error
+    return other.error - better.error > BEYOND_NOISE * noise and _dearer(better, other) > AGREED
+
+
+def _dearer(one: Trial, other: Trial) -> float:
+    """By how much another model costs more: by the exact costs, where both have them, as relaxed ones may have ended at
+    different optima, or taken up in their jumps what tells the two."""
+    if one.fit.exact is not None and other.fit.exact is not None:
+        return float(other.fit.exact.cost - one.fit.exact.cost)
+    cost, dearer = costs(one, other)
+    return dearer - cost
+
+
+def contains(one: tuple[Score, Trial], other: tuple[Score, Trial]) -> bool:
     """Whether the first effect is the second one in a limit, and gains nothing by being more.
 
     Of two friction laws the one with more parameters explains whatever the other one does.
     """
     if one[0].effect.richer_law and other[0].effect.richer_law:
         return len(one[1].fit.plant.parameters) > len(other[1].fit.plant.parameters)
-    if one[1].fit.exact is not None and other[1].fit.exact is not None:
-        cost, plain = one[1].fit.exact.cost, other[1].fit.exact.cost  # the relaxed ones may have ended at different optima
-    else:
-        _, cost, plain = costs(current, one[1], other[1])
-    return other[0].effect.name in one[0].effect.contains and plain - cost < SURE
+    return other[0].effect.name in one[0].effect.contains and _dearer(one[1], other[1]) < SURE
 
 
 def alike_in_training(tried: Tried, current: Trial) -> list[bool]:

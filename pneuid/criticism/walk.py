@@ -375,11 +375,11 @@ class Walk:
         """Other effects that explain as much as the chosen one; a friction law that contains it is none."""
         found = shown(tried, self.current, self.judge) if self.pooled else alike(chosen, tried, self.current, self.judge)
         others = [pair for pair in found if pair[0] is not chosen[0]]
-        return [pair for pair in others if not contains(pair, chosen, self.current)]
+        return [pair for pair in others if not contains(pair, chosen)]
 
     def _plainest(self, chosen: tuple[Score, Trial], tried: Tried) -> tuple[Score, Trial]:
         """The chosen effect, or what it is in a limit where it gains nothing by being more."""
-        plainer = [pair for pair in self._rivals(chosen, tried) if contains(chosen, pair, self.current)]
+        plainer = [pair for pair in self._rivals(chosen, tried) if contains(chosen, pair)]
         return min(plainer, key=lambda pair: len(pair[1].fit.plant.parameters), default=chosen)
 
     def _record(self, score: Score, trial: Trial, keep: bool) -> None:
