@@ -71,3 +71,22 @@ def test_a_model_that_cannot_follow_its_training_runs_is_not_adequate(after, sai
     walk = SimpleNamespace(current=current, judge=JUDGE, lacking=None)
     found = decision._nothing_named(walk, ["so far"], (), slow=False, adequate=True)
     assert found.verdict == said and (decision.CANNOT_FOLLOW in found.sentences) == (said == "unknown")
+
+
+@pytest.mark.parametrize(
+    ("steps", "drops", "calls"),
+    [
+        ([True, False], [False], "ssb"),
+        ([True, False, True, False], [True, False], "ssbssb"),  # dropped: the smaller model is asked again
+        ([True] * 4, [False], "ssssb"),
+        ([False], [False], "sb"),
+        ([False] * 4, [True] * 5, "sbsbsbsbb"),
+    ],
+)
+def test_what_is_dropped_from_a_walk_is_followed_by_another_round(steps, drops, calls):
+    made, steps, drops = [], iter(steps), iter(drops)
+    walk = SimpleNamespace(
+        step=lambda: (made.append("s"), next(steps))[1], backward=lambda: (made.append("b"), next(drops))[1]
+    )  # fmt: skip
+    decision.climb(walk)  # type: ignore[arg-type]
+    assert "".join(made) == calls

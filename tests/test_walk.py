@@ -339,7 +339,7 @@ def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(
         return tried, (tried[0] if tried else None)
 
     replaced = {
-        "_round": one_round, "rung": lambda _self, trial, accepted: (trial, accepted), "backward": lambda _self: None,
+        "_round": one_round, "rung": lambda _self, trial, accepted: (trial, accepted), "backward": lambda _self: False,
         "_by_all_runs": lambda *_: False,
     }
     for name, stand_in in replaced.items():
@@ -379,7 +379,7 @@ def test_what_is_named_stands_in_order_of_weight_and_what_is_not_missed_is_dropp
     going.first, going.named = stub(9.3, 28_000.0), list(ends)
     for end in ends.values():
         end.fit.plant = SimpleNamespace(effects=[CATALOGUE["valve_null_leakage"]])
-    going.backward()
+    assert going.backward() == (len(named) == 1)
     assert going.named == named
 
 

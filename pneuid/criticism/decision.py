@@ -91,15 +91,24 @@ def diagnose(
     walk = Walk(judge, current, current, judged, refitter or Refitter(list(catalogue)), say)
     walk.moved += [] if slow is None else [slow]
     walk.rungs.append(walk.rung(current, True))
-    for _ in range(MOST_ROUNDS):
-        if not walk.step():
-            break
-    walk.backward()
+    climb(walk)
     found = _verdict(walk, slow is not None)
     beyond = [] if found.verdict == "adequate" else uncovered(base, judge.held)
     found = replace(found, sentences=(*found.sentences, *walk.moved, *beyond), by_all_runs=walk.pooled)
     lacking = None if walk.lacking is None else walk.lacking.fit
     return Verdict(found, walk.current.fit, walk.first.fit, walk.rungs, lacking)
+
+
+def climb(walk: Walk) -> None:
+    """Rounds of the walk until one gains nothing and nothing is dropped from what they led to.
+
+    What is dropped was put in for what is still missing: of a load spring and a friction that differs by direction a payload
+    stood in for both, and without it the spring alone showed the other.
+    """
+    for _ in range(MOST_ROUNDS):
+        if not walk.step() and not walk.backward():
+            return
+    walk.backward()
 
 
 def _verdict(walk: Walk, slow: bool = False) -> Diagnosis:

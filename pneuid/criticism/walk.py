@@ -227,13 +227,16 @@ class Walk:
         self.say(leading(scores))
         return scores
 
-    def backward(self) -> None:
+    def backward(self) -> bool:
         """Try to drop each accepted effect but the last; keep the smaller model where the held-out error hardly rises.
+
+        Whether one was dropped: the smaller model may end elsewhere, where what it lacks shows.
 
         What remains is put in order of weight: first the effect without which the training runs cost most. The order in which
         effects were found is that of the prediction of break-away, which a small effect may turn first.
         """
         costlier: dict[str, float] = {}
+        before = len(self.named)
         for name in list(self.named):
             if len(self.named) < 2 or name not in {effect.name for effect in self.current.fit.plant.effects}:
                 continue  # a richer friction law took the simple one's place; without it the model is another
@@ -248,6 +251,7 @@ class Walk:
             without, now = costs(smaller, self.current)
             costlier[name] = without - now
         self.named.sort(key=lambda name: -costlier.get(name, np.inf))
+        return len(self.named) < before
 
     def _not_missed(self, smaller: Trial) -> bool:
         """Whether a model without one of the effects predicts held-out runs, and fits the training runs, about as well."""
