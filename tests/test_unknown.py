@@ -88,10 +88,14 @@ def test_the_joint_fit_finds_what_a_compiled_spline_finds():
 def test_an_encoder_that_is_wrong_over_x_is_told_from_a_force_and_from_a_valve_over_x(hidden, named):
     """The piston moves 10 mm within an interval, over which the error of the encoder changes and looks like a speed."""
     record = record_servo(TruthServo(), OUTSIDE_EFFECTS[hidden].strong, "multisine", 4.0, 5, supply=7e5 + ATMOSPHERE)
-    probing = Probing(fit(Plant(rig(), "lugre"), [Recording.from_arrays("s7.csv", rig(), **record)], exact=False))
+    base = fit(Plant(rig(), "lugre"), [Recording.from_arrays("s7.csv", rig(), **record)], exact=False)
+    probing = Probing(base)
     drop, (term,) = ranking(probing)[0]
     assert (term.equation, term.signal) == (named, "x")
-    assert probing.start_cost - probing.fitted([term]).cost == pytest.approx(drop, rel=0.2)
+    joint = probing.fitted([term])
+    assert probing.start_cost - joint.cost == pytest.approx(drop, rel=0.2)
+    stays = {name: joint.values[name] == pytest.approx(base.relaxed_values[name]) for name in ("Fs", "vs", "sigma0", "sigma1")}
+    assert all(stays.values()) and joint.values["Fc"] != base.relaxed_values["Fc"], "loose jumps say nothing of break-away"
 
 
 @cache
@@ -377,6 +381,24 @@ def test_a_second_term_must_help_held_out(monkeypatch, then, kept):
     probes = SimpleNamespace(start_cost=1000.0, fitted=one)
     best, after, _ = judged(probes, [(300.0, ENCODER)], 100.0, lambda joint: errors[joint.terms])  # type: ignore[arg-type]
     assert (best.terms, after) == (((*ENCODER, *VALVE), 30.0) if kept else (ENCODER, 40.0))
+
+
+@pytest.mark.parametrize(("together", "leads"), [(6000.0, True), (5500.0, False)])
+def test_a_leak_across_the_piston_leads_where_both_halves_promise_more_than_one(together, leads):
+    """A valve over the supply 5900, either half of a leak 4600: both must promise a fifth more than one, and their splines."""
+
+    def screened(*terms):
+        names = {f"{term.equation}({term.signal}*{term.factor})" for term in terms}
+        if names == {"flow_1(x*dp)", "flow_2(x*dp)"}:
+            return together
+        return 4600.0 if names & {"flow_1(x*dp)", "flow_2(x*dp)"} else 5900.0 if names == {"valve(psup*)"} else 100.0
+
+    scope = SimpleNamespace(psup=np.array([3e5, 7e5]))
+    probes = SimpleNamespace(problem=SimpleNamespace(plant=SimpleNamespace(servo=True)), scope=scope, screened=screened)
+    ranked = ranking(probes)  # type: ignore[arg-type]
+    assert (len(ranked[0][1]) == 2) == leads and any(len(terms) == 2 for _, terms in ranked) == leads
+    probes.problem.plant.servo = False
+    assert all(len(terms) == 1 for _, terms in ranking(probes))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("pair_cost", "both"), [(26_200.0, True), (26_900.0, False)])
