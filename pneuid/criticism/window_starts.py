@@ -17,6 +17,9 @@ from pneuid.simulate import estimate_start
 FIRST_TRIES, LATER_TRIES = 20, 60
 """Iterations for a window's start, and for one that fits badly."""
 
+OTHER_STARTS = (None, 0.0, 0.9, -0.9)
+"""Deflections of the bristle, over that at break-away, from which a window is tried again at rest; None leaves the guess."""
+
 OUTLYING = 1.25
 """Cost of a window over the median of its run above which other starts are tried."""
 
@@ -58,17 +61,22 @@ def start_states(
     poor = np.flatnonzero(~(cost < OUTLYING * np.median(cost)))
     if poor.size == 0:
         return best
-    for deflection in (None, 0.0, 0.9, -0.9):
-        again = guess[poor].copy()
-        if plant.servo:
-            again[:, plant.states.index("v")] = 0.0
+    again = np.tile(guess[poor], (len(OTHER_STARTS), 1, 1))
+    if plant.servo:
+        again[:, :, plant.states.index("v")] = 0.0
+    for k, deflection in enumerate(OTHER_STARTS):
         if deflection is not None:
-            again[:, z] = deflection * spread
-        tried, found = estimate_start(
-            function, again, data[poor], theta[poor], prior[poor], plant.state_scales, LATER_TRIES
-        )
-        better = found < cost[poor]
-        best[poor[better]], cost[poor[better]] = tried[better], found[better]
+            again[k, :, z] = deflection * spread
+    # all side by side: one after the other each would be waited for by windows that have long settled
+    every = np.tile(poor, len(OTHER_STARTS))
+    tried, found = estimate_start(
+        function, again.reshape(every.size, -1), data[every], theta[every], prior[every], plant.state_scales, LATER_TRIES
+    )
+    tried, found = tried.reshape(again.shape), found.reshape(-1, poor.size)
+    found = np.where(np.isfinite(found), found, np.inf)
+    first, at = np.argmin(found, axis=0), np.arange(poor.size)
+    better = found[first, at] < cost[poor]
+    best[poor[better]] = tried[first, at][better]
     return best
 
 
