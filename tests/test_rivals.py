@@ -141,3 +141,26 @@ def test_what_both_kinds_of_runs_tell_is_no_rival_however_small_the_share(left, 
 def test_exact_costs_tell_what_relaxed_ones_take_up_in_their_jumps(exact, rival):
     """A load and a friction by direction cost 17 more relaxed, exact 5930."""
     assert _rival(15.9, 35_872.0, exact) == rival
+
+
+@pytest.mark.parametrize(
+    ("left", "cost", "rival"),
+    [(3.2, 12_192.0, True), (3.8, 12_192.0, False), (3.2, 12_350.0, False), (3.2, 12_330.0, True)],
+)
+def test_what_the_training_runs_show_far_more_is_a_rival_although_it_predicts_worse(left, cost, rival):
+    """A dead zone took 17 of 12 411 and most of the held-out excess of 2.7, the leak past the spool that was hidden 219."""
+    chosen = score("valve_dead_zone", 17.0), stub(1.7, 12_394.0, "valve_dead_zone")
+    leak = score("valve_null_leakage", 186.0), stub(left, cost, "valve_null_leakage")
+    found = alike(chosen, [chosen, leak], stub(3.7, 12_411.0), SimpleNamespace(small=0.34, spread=0.09))
+    assert (leak in found) == rival
+
+
+def test_what_takes_three_times_as_much_of_hardly_anything_is_no_rival():
+    chosen = score("valve_dead_zone", 17.0), stub(1.7, 12_395.0, "valve_dead_zone")
+    leak = score("valve_null_leakage", 70.0), stub(3.2, 12_345.0, "valve_null_leakage")
+    found = alike(chosen, [chosen, leak], stub(3.7, 12_411.0), SimpleNamespace(small=0.34, spread=0.09))
+    assert leak not in found
+    more = score("valve_null_leakage", 900.0), stub(3.2, 11_500.0, "valve_null_leakage")
+    heavy = score("valve_dead_zone", 600.0), stub(1.7, 11_800.0, "valve_dead_zone")
+    found = alike(heavy, [heavy, more], stub(3.7, 12_411.0), SimpleNamespace(small=0.34, spread=0.09))
+    assert more not in found, "900 are no three times 600"
