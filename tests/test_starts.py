@@ -11,9 +11,11 @@ import helpers
 import numpy as np
 import pytest
 
+from pneuid.criticism import refits
 from pneuid.errors import UserError
 from pneuid.estimation import exact_end
 from pneuid.estimation import fit as fitting
+from pneuid.estimation import task as tasks
 from pneuid.estimation.growing import Grown
 from pneuid.estimation.preparation import prepare
 from pneuid.estimation.shooting import TIGHT
@@ -94,6 +96,35 @@ def test_the_step_of_a_refit_gets_at_most_twice_as_fine_as_what_it_starts_from(w
     with pytest.raises(InterruptedError):
         fitting.near(plant, (run,), {}, {}) if way == "near" else fitting.sharper(found)
     assert steps == [14]
+
+
+@pytest.mark.parametrize(("hopeless", "steps"), [(np.inf, [7, 12]), (3.0, [7]), (30.0, [7, 12])])
+def test_a_solution_that_costs_too_much_is_not_solved_again_with_finer_steps(hopeless, steps, monkeypatch):
+    made = []
+    problem = lambda _self, _values, substeps: SimpleNamespace(  # noqa: E731
+        substeps=substeps, samples=10, join=lambda q, _: q, split=lambda _: (None, None)
+    )
+    needed = iter((7, 12, 12))
+    replaced = {"guess": {}, "problem": problem, "nodes": lambda *_: None, "substeps": lambda *_: next(needed)}
+    for name, stand_in in replaced.items():
+        monkeypatch.setattr(Task, name, stand_in)
+    monkeypatch.setattr(tasks, "inside", lambda *_: None)
+    monkeypatch.setattr(tasks, "values_at", lambda *_: {})
+
+    def stage(posed, *_):
+        made.append(posed.substeps)
+        return SimpleNamespace(outcome=SimpleNamespace(X=None, status="", cost=2.0, penalty=20.0))
+
+    tasks.relaxed_fit(Task(None, [], (), {}, None, hopeless=hopeless), {}, stage)  # type: ignore[arg-type]
+    assert made == steps
+
+
+def test_a_refit_that_costs_three_times_the_standing_model_is_hopeless(monkeypatch):
+    asked = []
+    monkeypatch.setattr(refits, "near", lambda *given: asked.append(given[-1]))
+    plant = SimpleNamespace(states=())
+    refits._at_once(SimpleNamespace(runs=(), noise={}, nodes={}, cost=50.0), plant, {}, None)  # type: ignore[arg-type]
+    assert asked == [150.0]
 
 
 def test_runs_that_were_only_prepared_are_not_known_to_be_fast_enough(monkeypatch):

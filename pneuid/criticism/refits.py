@@ -26,6 +26,11 @@ NEXT_TO_OFF = 0.02
 """Share of the way to the start values from which a refit begins again that ended dearer than what it came from: with the
 effect next to off that model is within reach, and cannot be lost."""
 
+HOPELESS = 3.0
+"""Times the standing model's cost at which a refit with tight defects is not worth finer time steps. The right one of seven
+effects beside models that loose ones carried ended at 0.2 to 1.1 times; of a pair three wrong ones at 4.5 to 7.3 times, each
+solved up to three times over, for 20 to 40 s."""
+
 
 @dataclass(frozen=True)
 class Standing:
@@ -186,7 +191,7 @@ def _at_once(base: Standing, plant: Plant, values: Mapping[str, float], monitor:
 
     Loose ones take up what the base follows already, a break-away above all, and may not come back to it.
     """
-    return near(plant, base.runs, values, base.noise, _known(base, plant), monitor)
+    return near(plant, base.runs, values, base.noise, _known(base, plant), monitor, HOPELESS * base.cost)
 
 
 def _warm(base: Standing, plant: Plant, values: Mapping[str, float], monitor: Monitor | None) -> Fit:

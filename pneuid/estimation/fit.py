@@ -185,15 +185,16 @@ def sharper(found: Fit, monitor: Monitor | None = None) -> Fit:
 
 def near(
     plant: Plant, runs: Sequence[Run], start: Mapping[str, float], noise: Mapping[str, float],
-    nodes: Mapping[str, np.ndarray] | None = None, monitor: Monitor | None = None,
+    nodes: Mapping[str, np.ndarray] | None = None, monitor: Monitor | None = None, hopeless: float = np.inf,
 ) -> Fit:  # fmt: skip
     """Relaxed fit of ``plant`` to ``runs`` from a ``start`` (SI) that is near its end: with tight defects at once.
 
-    ``nodes`` as in ``fit``. Raises ``Interrupted`` with what it had reached after a ctrl-C.
+    ``nodes`` as in ``fit``; from the cost ``hopeless`` on the time step is left as coarse as it was. Raises ``Interrupted``
+    with what it had reached after a ctrl-C.
     """
     began = time.monotonic()
     task = Task(plant, [run.recording for run in runs], tuple(runs), nodes or {}, monitor, again=True)
-    task = replace(task, finest=FINER * task.substeps(task.guess | dict(start)))
+    task = replace(task, finest=FINER * task.substeps(task.guess | dict(start)), hopeless=hopeless)
     problem, soft = relaxed_fit(task, start, tight_stage)
     found = result_of(End(problem, soft), dict(noise), time.monotonic() - began)
     if soft.outcome.status == INTERRUPTED:

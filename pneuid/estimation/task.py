@@ -29,7 +29,7 @@ class Task:
 
     known : node states ``(nint,)`` by name that replace the first guess's; loosely : when loose defects have settled; again :
     whether a model was fitted to these runs before, so that they are known to be sampled fast enough; finest : substeps per
-    sample at most.
+    sample at most; hopeless : cost of a relaxed solution from which it is not solved again with finer time steps.
     """
 
     plant: Plant
@@ -40,6 +40,7 @@ class Task:
     loosely: Settling = USUAL
     again: bool = False
     finest: int = LARGEST_SUBSTEPS
+    hopeless: float = np.inf
 
     @cached_property
     def guess(self) -> dict[str, float]:
@@ -114,7 +115,8 @@ def relaxed_fit(task: Task, start: Mapping[str, float], stage: Stage = relaxed_s
         soft = stage(problem, problem.join(inside(problem, values), nodes), task.monitor, task.loosely)
         values, nodes = values_at(problem, soft.outcome.X), problem.split(soft.outcome.X)[1]
         needed = task.substeps(values)
-        if needed <= problem.substeps or soft.outcome.status == INTERRUPTED:
+        hopeless = soft.outcome.cost + soft.outcome.penalty > task.hopeless
+        if needed <= problem.substeps or hopeless or soft.outcome.status == INTERRUPTED:
             return problem, soft
         problem = task.problem(values, needed)
 
