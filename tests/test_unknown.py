@@ -98,6 +98,17 @@ def test_an_encoder_that_is_wrong_over_x_is_told_from_a_force_and_from_a_valve_o
     assert all(stays.values()) and joint.values["Fc"] != base.relaxed_values["Fc"], "loose jumps say nothing of break-away"
 
 
+def test_a_parameter_that_the_runs_do_not_see_stops_no_search():
+    """On a printed cylinder at three pressures nothing was left to divide by."""
+    probing = Probing(magnet()[0])
+    at = probing._start
+    blocks, slope, following = at.blocks.copy(), at.slope.copy(), at.following.copy()
+    blocks[:, 0], blocks[:, :, 0], slope[:, 0], following[:, :, 0] = 0.0, 0.0, 0.0, 0.0
+    probing._start = replace(at, blocks=blocks, slope=slope, following=following)
+    assert not probing.problem.fixed[0]
+    assert probing.screened(Term("force", "x", knots=24)) > 0.8 * Probing(magnet()[0]).screened(Term("force", "x", knots=24))
+
+
 @cache
 def searched() -> Found:
     """What the search finds on the magnet's runs."""

@@ -50,6 +50,9 @@ STILL = 1e-20
 RIDGE = 10.0
 """Spread of the amplitudes' weak prior, in units of their typical size."""
 
+UNSEEN = 1e-13
+"""What is added to every diagonal element, as a share of the largest."""
+
 LARGEST_DAMPING = 5.0
 SHARES = (1.0, 0.4, 0.15, 0.05)
 """Shares of a Newton step that are tried one after the other: steps across the kinks of stick-slip have to be shortened."""
@@ -364,6 +367,8 @@ class Probing:
         matrix[np.diag_indices_from(matrix)] *= 1.0 + 1e-9 + damping
         back = cho_solve_banded((at.band, True), np.column_stack([to_nodes, at.node_slope]))
         matrix = matrix - to_nodes.T @ back[:, :-1]
+        # a parameter that these runs do not see at all would leave nothing to divide by
+        matrix[np.diag_indices_from(matrix)] += UNSEEN * np.abs(np.diag(matrix)).max()
         return 0.5 * (matrix + matrix.T), slope - to_nodes.T @ back[:, -1], to_nodes
 
 
