@@ -31,27 +31,32 @@ LED, BEHIND = 3, 2.0
 def alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge) -> Tried:
     """Effects that explain the held-out runs and the training runs about as well as the chosen one.
 
-    Where that one leaves noise alone, so must they, or no more than noise moves beyond it. Where it leaves more of the excess
-    than it takes, and follows no whole run, the held-out runs do not tell it from those of its group that cost as much. What
-    helps held out and takes far more of the training cost is a rival too: the two kinds of runs disagree.
+    Where it leaves more of the excess than it takes, and follows no whole run, the held-out runs do not tell it from those of
+    its group that cost as much. What helps held out and takes far more of the training cost is a rival too: the two kinds of
+    runs disagree.
     """
-    excess = max(current.error - 1.0, 1e-12)
-    left = chosen[1].error - 1.0
-    clean, undecided = left < judge.small, left > HALF * excess and not follows(chosen[1])
+    undecided = chosen[1].error - 1.0 > HALF * max(current.error - 1.0, 1e-12) and not follows(chosen[1])
 
-    def close(score: Score, trial: Trial) -> bool:
+    def rival(score: Score, trial: Trial) -> bool:
         before, best, other = costs(current, chosen[1], trial)
         if undecided and score.effect.name in chosen[0].group and abs(other - best) < SURE:
             return True
-        far_more = before - other > FAR_MORE * (before - best) and best - other > AGREED
-        if far_more and trial.error < current.error:
+        if before - other > FAR_MORE * (before - best) and best - other > AGREED and trial.error < current.error:
             return True
-        ahead = (trial.error - chosen[1].error) / excess < TELLING
-        by_noise = trial.error - chosen[1].error < judge.spread
-        ahead = ahead and (trial.error - 1.0 < judge.small or by_noise or not clean)
-        return ahead and other - best < max(TELLING * (before - best), SURE) and not _told(chosen[1], trial, judge)
+        as_well = other - best < max(TELLING * (before - best), SURE) and _predicts_as_well(trial, chosen[1], current, judge)
+        return as_well and not _told(chosen[1], trial, judge)
 
-    return [pair for pair in tried if close(*pair)]
+    return [pair for pair in tried if rival(*pair)]
+
+
+def _predicts_as_well(trial: Trial, best: Trial, current: Trial, judge: Judge) -> bool:
+    """Whether a trial predicts held-out runs about as well as the best one.
+
+    Where that one leaves noise alone, so must it, or no more than noise moves beyond it.
+    """
+    behind = trial.error - best.error
+    ruled_out = best.error - 1.0 < judge.small <= trial.error - 1.0 and behind >= judge.spread
+    return behind < TELLING * max(current.error - 1.0, 1e-12) and not ruled_out
 
 
 def _told(better: Trial, other: Trial, judge: Judge) -> bool:
