@@ -14,11 +14,12 @@ from pneuid.criticism.decision import Verdict
 from pneuid.criticism.diagnosis import Diagnosis, Unknown
 from pneuid.criticism.distil import _fitted, distilled
 from pneuid.criticism.frozen import Frozen
+from pneuid.criticism.function_search import Found, _with_second, judged, ranking, search
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.noise_floor import noise_floor
 from pneuid.criticism.probes import Probing
 from pneuid.criticism.uncovered import outside, uncovered
-from pneuid.criticism.unknown import Found, _unknown, _with_second, explained, judged, ranking, search
+from pneuid.criticism.unknown import _unknown, explained
 from pneuid.effects import CATALOGUE
 from pneuid.effects._formula import SHAPES
 from pneuid.effects._spline import Term, curve, spline
@@ -340,7 +341,7 @@ def _judged(monkeypatch, ranked, costs, errors, before=100.0):
         return SimpleNamespace(terms=tuple(terms), cost=costs[tuple(terms)])
 
     probes = SimpleNamespace(start_cost=1000.0, fitted=fitted)
-    monkeypatch.setattr("pneuid.criticism.unknown._with_second", lambda _probing, _ranked, joint: joint)
+    monkeypatch.setattr("pneuid.criticism.function_search._with_second", lambda _probing, _ranked, joint: joint)
     best, after, ties = judged(probes, ranked, before, lambda joint: errors[joint.terms])  # type: ignore[arg-type]
     return best.terms, after, ties, asked
 
@@ -388,7 +389,7 @@ def test_a_second_term_must_help_held_out(monkeypatch, then, kept):
     costs = {ENCODER: 700.0, (*ENCODER, *VALVE): 500.0}
     errors = {ENCODER: 40.0, (*ENCODER, *VALVE): then}
     one = lambda terms: SimpleNamespace(terms=tuple(terms), cost=costs[tuple(terms)])  # noqa: E731
-    monkeypatch.setattr("pneuid.criticism.unknown._with_second", lambda *_: one((*ENCODER, *VALVE)))
+    monkeypatch.setattr("pneuid.criticism.function_search._with_second", lambda *_: one((*ENCODER, *VALVE)))
     probes = SimpleNamespace(start_cost=1000.0, fitted=one)
     best, after, _ = judged(probes, [(300.0, ENCODER)], 100.0, lambda joint: errors[joint.terms])  # type: ignore[arg-type]
     assert (best.terms, after) == (((*ENCODER, *VALVE), 30.0) if kept else (ENCODER, 40.0))
