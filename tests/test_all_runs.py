@@ -172,6 +172,24 @@ def test_what_lowers_the_cost_but_leaves_more_than_noise_makes_the_model_lacking
 
 
 @pytest.mark.parametrize(
+    ("again", "promise", "named", "rounds"), [(14.0, 14.0, [], 1), (14.0, 90.0, [], 2), (500.0, 500.0, ["load_mass"], 1)]
+)
+def test_beside_a_better_start_of_the_base_an_effect_is_measured_against_that(again, promise, named, rounds, monkeypatch):
+    """The effect lowers the cost of a base at a wrong optimum by 1000, of one from another start by what it shows of itself."""
+    going, _, least = walking(monkeypatch, 1_000.0, 13_000.0)
+    better = stub(1.1, 13_000.0 + again)
+    better.fit.runs = ("slow", "better")
+    starts = iter([better])
+    monkeypatch.setattr(walk, "better_without", lambda *_: next(starts, None))
+    promised = iter([1_000.0, promise])
+    monkeypatch.setattr(walk, "screen", lambda *_: [score("load_mass", next(promised))])
+    assert not going.step()
+    assert going.named == named and going.lacking is None
+    assert any("fits better from another start" in sentence for sentence in going.moved)
+    assert len(least) == rounds, "another where the better start promises something"
+
+
+@pytest.mark.parametrize(
     ("base", "error", "cost", "learned", "sure"),
     [(1.4, 1.05, 13_600.0, 1.1, True), (1.4, 1.05, 13_700.0, 1.1, False), (1.1, 1.05, 13_600.0, 1.1, False),
      (1.4, 1.2, 13_600.0, 1.1, False), (1.4, 1.05, 13_600.0, 0.9, False)],
@@ -207,7 +225,7 @@ def test_a_lag_shorter_than_a_sample_is_what_smoothing_of_the_motion_leaves(tau,
     assert bool(shown([(score("sensor_lag_F", 500.0), trial)], BASE, judge())) == counts
     going, _, _ = walking(monkeypatch, 500.0, 13_000.0)
     base = going.judge.trial(going._on_all(going.current.fit))
-    going._suspect([(score("sensor_lag_F", 500.0), trial)], base, 70.0)
+    going._suspect([(score("sensor_lag_F", 500.0), trial)], base)
     assert (going.lacking is not None) == counts
 
 

@@ -68,6 +68,9 @@ SUSPECT = (
 MINOR = 0.5
 """Share of the excess explained, below which what was found stands in for something else, or beside something larger."""
 
+ROUNDS_ON_ALL = 2
+"""Rounds on all runs together: the second where the first found a better start of the model that stood."""
+
 EQUALS = 3
 """Effects at most that are started again with the same care as the best one, those that promise most first."""
 
@@ -171,24 +174,35 @@ class Walk:
             return False
         self.say(why)
         base = self.judge.trial(self._on_all(self.current.fit))
-        scores = self._screened(base)
-        least = least_shown(base)
-        if any(score.drop > least for score in scores):
-            both = Walk(self.judge, base, base, self.catalogue, self.refitter, self.say, ranking=self.ranking, pooled=True)
-            tried, chosen = both._round(scores, least)
-            both._take(chosen, tried)
-            self.moved += both.moved
-            for name in both.named:
-                self._take_shown(name, base, both)
-            self._suspect(tried, base, least)
+        both = Walk(self.judge, base, base, self.catalogue, self.refitter, self.say, ranking=self.ranking, pooled=True)
+        tried = both._rounds_on_all()
+        self.moved += both.moved
+        for name in both.named:
+            self._take_shown(name, both.first, both)
+        if not self.named:
+            self._suspect(tried, both.first)
         return False
 
-    def _suspect(self, tried: Tried, base: Trial, least: float) -> None:
+    def _rounds_on_all(self) -> Tried:
+        """A round on all runs, and another where it ended with a better start of the model that stood; those tried last."""
+        tried: Tried = []
+        for _ in range(ROUNDS_ON_ALL):
+            standing = self.current
+            scores, least = self._screened(standing), least_shown(standing)
+            if not any(score.drop > least for score in scores):
+                return []
+            tried, chosen = self._round(scores, least)
+            if not self._take(chosen, tried) or self.named:
+                return tried
+        return tried
+
+    def _suspect(self, tried: Tried, base: Trial) -> None:
         """Where nothing was named although an effect lowers the cost of all runs by more than chance: something is lacking."""
+        least = least_shown(base)
         told = [trial for score, trial in tried if not within_a_sample(score, trial)]
         drops = [(now - after, trial.added) for trial in told for now, after in [costs(base, trial)]]
         most, name = max(drops, key=lambda item: item[0], default=(0.0, None))
-        if not self.named and most > least:
+        if most > least:
             self.lacking = base
             self.moved.append(SUSPECT.format(name, most, least))
 
