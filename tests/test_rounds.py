@@ -117,6 +117,25 @@ def test_the_best_on_held_out_runs_is_accepted_not_the_best_on_training_runs():
     assert found is not None and found[0].effect.name == "load_mass"
 
 
+@pytest.mark.parametrize(
+    ("error", "usual", "cost", "taken"),
+    [
+        (3.33, 3.8, 19_619.0, "friction_dwell"),
+        (3.33, 12.0, 19_619.0, "friction_direction"),  # the training runs hardly tell them either
+        (3.33, 3.8, 19_632.0, "friction_direction"),  # it costs more
+        (3.43, 3.8, 19_619.0, "friction_direction"),  # noise tells them held out
+    ],
+)
+def test_what_noise_does_not_tell_apart_held_out_the_training_runs_tell(error, usual, cost, taken):
+    """Friction by direction stood in for a static friction that grows at rest: 27 floors of the training runs' squares, not 13."""
+    current, direction = stub(4.04, 19_700.0), stub(3.21, 19_631.0, "friction_direction")
+    dwell, by = stub(error, cost, "friction_dwell"), {"friction_direction": 14.4, "friction_dwell": usual}
+    judge = SimpleNamespace(**{**vars(JUDGE), "usually_fits": lambda trial: by[trial.added]})
+    tried = [(score("friction_direction", 70.0), direction), (score("friction_dwell", 80.0), dwell)]
+    found = rounds.accepted(tried, current, current, judge)
+    assert found is not None and found[0].effect.name == taken
+
+
 def _round(scores, errors, current=FIRST, first=FIRST):
     refitter = Counting()
     errors = iter(errors)
