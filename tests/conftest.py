@@ -12,7 +12,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import pytest  # noqa: E402 - the environment comes first
 from hypothesis import settings  # noqa: E402
 
-from pneuid.criticism import all_runs, rounds  # noqa: E402
+from pneuid.criticism import acceptance, all_runs  # noqa: E402
 
 settings.register_profile("pneuid", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("pneuid")
@@ -21,5 +21,5 @@ settings.load_profile("pneuid")
 @pytest.fixture
 def amplitudes_inside(monkeypatch):
     """Trials that are a few numbers have no amplitudes that could lie on their bounds."""
-    monkeypatch.setattr(rounds, "inside_bounds", lambda *_: True)
+    monkeypatch.setattr(acceptance, "inside_bounds", lambda *_: True)
     monkeypatch.setattr(all_runs, "inside_bounds", lambda *_: True)

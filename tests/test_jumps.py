@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from helpers import base_fit, scores
 
+from pneuid.criticism.acceptance import LEAST_DROP
 from pneuid.criticism.jumps import Jump, jumped
-from pneuid.criticism.rounds import LEAST_DROP, OVERTAKES
+from pneuid.criticism.rounds import OVERTAKES
 from pneuid.criticism.screening import Fitted
 from pneuid.effects import CATALOGUE
 from pneuid.plant import Plant

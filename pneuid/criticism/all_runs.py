@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pneuid.criticism.rounds import Tried, costs, inside_bounds
+from pneuid.criticism.acceptance import Tried, costs, inside_bounds
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
 from pneuid.estimation.stages import MISFIT

@@ -6,7 +6,7 @@ away too early, or too late, in a few, which the usual error leaves out.
 
 from __future__ import annotations
 
-from pneuid.criticism.rounds import NEARLY_ALL, Tried
+from pneuid.criticism.acceptance import NEARLY_ALL, Tried
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
 

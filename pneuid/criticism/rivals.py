@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from pneuid.criticism.acceptance import LEAST_DROP, Tried, costs
 from pneuid.criticism.all_runs import SURE, TELLING
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.restarts import NEXT_TO_NOTHING, follows
-from pneuid.criticism.rounds import LEAST_DROP, Say, Tried, costs, promised_alike
+from pneuid.criticism.rounds import Say, promised_alike
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
 

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pneuid.criticism.acceptance import LEAST_DROP, Tried, accepted, costs
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.restarts import Say, read_anew
-from pneuid.criticism.rounds import LEAST_DROP, WORTH_ADDING, Tried, accepted, costs, same_floor
+from pneuid.criticism.rounds import WORTH_ADDING, same_floor
 from pneuid.criticism.screening import Score, screen
 from pneuid.criticism.trial import Judge, Trial
 from pneuid.effect import Effect

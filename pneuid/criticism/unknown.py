@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from pneuid.criticism.acceptance import LEAST_DROP
 from pneuid.criticism.decision import Verdict
 from pneuid.criticism.diagnosis import Unknown
 from pneuid.criticism.function_search import Found, search
-from pneuid.criticism.rounds import LEAST_DROP, Say
+from pneuid.criticism.rounds import Say
 from pneuid.criticism.uncovered import MUCH as UNCOVERED
 from pneuid.estimation.fit import comparable_costs
 from pneuid.recording import Recording

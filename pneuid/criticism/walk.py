@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from pneuid.criticism.acceptance import LEAST_DROP, LEAST_SHARE, Tried, accepted, costs, least_drop
 from pneuid.criticism.all_runs import beyond_doubt, least_shown, shown, shown_by_training, within_a_sample
 from pneuid.criticism.break_away import AT_BREAK_AWAY, leading_friction, shown_at_break_away
 from pneuid.criticism.diagnosis import Candidate
@@ -17,14 +18,8 @@ from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.restarts import followed, follows, settled
 from pneuid.criticism.rivals import alike, alike_in_training, better_without, contains, led
 from pneuid.criticism.rounds import (
-    LEAST_DROP,
-    LEAST_SHARE,
     Say,
-    Tried,
-    accepted,
     all_explained,
-    costs,
-    least_drop,
     leaves_far,
     leaves_much,
     overtaking,
