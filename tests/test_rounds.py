@@ -32,7 +32,8 @@ SCORES = [score(name, drop) for name, drop in LEADING.items()]
 
 
 def test_three_leading_effects_are_refitted_and_the_third_is_spared_where_all_is_explained():
-    assert _round(SCORES, [100.0, 100.0, 100.0])[0].made == ["heat_transfer", "channel_skew", "valve_hysteresis"]
+    found = _round(SCORES, [100.0] * 4)[0]
+    assert found.made == ["heat_transfer", "heat_transfer", "channel_skew", "valve_hysteresis"], "the leader from two starts"
     refitter, tried = _round(SCORES, [1.1, 100.0])
     assert refitter.made == tried == ["heat_transfer", "channel_skew"]
 
@@ -44,12 +45,15 @@ def test_a_group_mate_and_a_close_runner_up_are_not_spared():
     assert len(_round(close, [1.1, 100.0, 100.0])[0].made) == 3
 
 
-def test_only_the_leader_and_its_group_start_twice_and_only_in_the_first_round():
+def test_on_a_bench_the_leader_and_its_group_start_cold_and_from_break_away_read_anew_in_the_first_round_alone():
     mates = [score("heat_transfer", 9000.0, ("valve_hysteresis",)), *SCORES[1:]]
-    refitter, _ = _round(mates, [100.0] * 3)
-    assert [one.thorough for one in refitter.asked] == [True, False, True]
+    refitter, _ = _round(mates, [100.0] * 5)
+    assert [(one.effect.name, one.thorough, one.anew, one.cold) for one in refitter.asked] == [
+        ("heat_transfer", True, False, False), ("heat_transfer", False, True, False), ("channel_skew", False, False, False),
+        ("valve_hysteresis", True, False, False), ("valve_hysteresis", False, True, False),
+    ]  # fmt: skip
     refitter, _ = _round(mates, [20.0] * 3, current=ALONE)
-    assert [one.thorough for one in refitter.asked] == [False, False, False]
+    assert [(one.thorough, one.anew) for one in refitter.asked] == [(False, False)] * 3
 
 
 def test_on_a_servo_rig_the_leader_and_its_group_start_again_until_one_explains_all(monkeypatch):

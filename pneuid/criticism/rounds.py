@@ -183,13 +183,13 @@ def second_looks(
 
 
 def _ways(score: Score, leads: bool, thorough: bool, servo: bool) -> list[Asked]:
-    """How an effect is refitted: from what stood; where it shall be thorough on a servo rig from break-away read anew as well,
-    and the one that ``leads`` from the data's own guess."""
+    """How an effect is refitted: from what stood; where it shall be thorough from break-away read anew as well, and the one
+    that ``leads``, on a servo rig, from the data's own guess, from which a thorough refit on a bench starts in any case."""
     first = Asked(score.effect, score.whole_start, score.gain, thorough)
-    if not (thorough and servo) or score.effect.richer_law:
+    if not thorough or score.effect.richer_law:
         return [first]
-    anew = Asked(score.effect, score.whole_start, score.gain, way=1.0, anew=True)
-    return [first, anew, *([Asked(score.effect, score.whole_start, score.gain, cold=True)] if leads else [])]
+    anew = Asked(score.effect, score.whole_start, score.gain, thorough=servo, way=1.0, anew=True)
+    return [first, anew, *([Asked(score.effect, score.whole_start, score.gain, cold=True)] if leads and servo else [])]
 
 
 def _by_effect(each: Iterable[tuple[Asked, Callable[[], Fit]]]) -> dict[str, list[Callable[[], Fit]]]:
