@@ -90,6 +90,13 @@ def test_costs_are_compared_with_loose_defects_where_one_has_no_others():
     # what takes nearly all that is left, and shows with tight defects, stands although loose ones absorb it
     gravity = mixed(6.0, 26_100.0, 27_000.0)
     assert acceptance.accepted([(score("gravity", 5e3), gravity)], current, first, JUDGE) is not None
+    # half of it is enough where the training runs are predicted far better too
+    bends = [(score("friction_viscous_nonlinear", 5e3), mixed(30.0, 26_100.0, 29_800.0))]
+    assert acceptance.accepted(bends, current, first, JUDGE) is None
+    for usual, taken in ((0.45, True), (0.55, False)):
+        by = {id(current): 1.0, id(bends[0][1]): usual}
+        judge = SimpleNamespace(**{**vars(JUDGE), "usually_fits": lambda trial, by=by: by[id(trial)]})
+        assert (acceptance.accepted(bends, current, first, judge) is not None) is taken
     unseen = mixed(6.0, 26_100.0, 35_000.0)
     assert acceptance.accepted([(score("gravity", 5e3), unseen)], current, first, JUDGE) is None
 
@@ -121,7 +128,7 @@ def test_the_best_on_held_out_runs_is_accepted_not_the_best_on_training_runs():
 def test_what_noise_does_not_tell_apart_held_out_the_training_runs_tell(error, usual, cost, taken):
     """Friction by direction stood in for a static friction that grows at rest: 14 squared floors of training, not 4."""
     current, direction = stub(4.04, 19_700.0), stub(3.21, 19_631.0, "friction_direction")
-    dwell, by = stub(error, cost, "friction_dwell"), {"friction_direction": 14.4, "friction_dwell": usual}
+    dwell, by = stub(error, cost, "friction_dwell"), {None: 10.6, "friction_direction": 14.4, "friction_dwell": usual}
     judge = SimpleNamespace(**{**vars(JUDGE), "usually_fits": lambda trial: by[trial.added]})
     tried = [(score("friction_direction", 70.0), direction), (score("friction_dwell", 80.0), dwell)]
     found = acceptance.accepted(tried, current, current, judge)
@@ -140,7 +147,7 @@ def test_what_noise_does_not_tell_apart_held_out_the_training_runs_tell(error, u
 def test_far_off_what_predicts_all_runs_far_better_is_accepted_in_place_of_what_is_cheaper(error, usual, cost, taken):
     """Of two relaxed fits whose jumps leave noise the cheaper one predicted by 8.9 floors, the right one by 5.7."""
     current, mounting = stub(164.4, 52_585.0), stub(79.2, 51_661.0, "mounting_compliance")
-    by = {"mounting_compliance": 50.1, "backlash": usual}
+    by = {None: 99.5, "mounting_compliance": 50.1, "backlash": usual}
     judge = SimpleNamespace(**{**vars(JUDGE), "usually_fits": lambda trial: by[trial.added]})
     play = (score("backlash", 4.0), stub(error, cost, "backlash"))
     assert acceptance.accepted([play], current, current, judge) is None, "alone its cost says nothing for it"
