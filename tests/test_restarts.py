@@ -22,16 +22,22 @@ from pneuid.plant import Plant
 def test_break_away_is_read_anew_where_the_training_runs_fit_better_for_it(training, taken):
     accepted = replace(stub(2.0, 27_000.0, "gravity"), train={"x": 100.0})
     other = replace(stub(1.5, 26_900.0, "gravity"), train={"x": training})
-    judge = SimpleNamespace(small=0.15, trial=lambda *_: other, usually_fits=lambda trial: trial.train["x"])
+    judge = SimpleNamespace(
+        small=0.15, trial=lambda *_: other, fits=lambda _: 1.0, usually_fits=lambda trial: trial.train["x"]
+    )
     refitter = SimpleNamespace(sharper=lambda _: other.fit, by_sliding=lambda _: [])
     assert restarts.read_anew(accepted, judge, refitter, lambda _: None) is (other if taken else accepted)
 
 
 @pytest.mark.parametrize(("training", "taken"), [(2.0, True), (400.0, False)])
-def test_a_relaxed_fit_is_judged_by_the_exact_one_it_leads_to_where_that_predicts_the_training_runs_better(training, taken):
+def test_a_relaxed_fit_is_judged_by_the_exact_one_it_leads_to_where_that_predicts_the_training_runs_better(
+    training, taken
+):
     relaxed = replace(stub(20.0, 27_000.0, "friction_lag"), train={"x": 100.0})
     exact = replace(stub(1.1, 27_000.0, "friction_lag"), train={"x": training})
-    judge = SimpleNamespace(small=0.15, trial=lambda *_: exact, usually_fits=lambda trial: trial.train["x"])
+    judge = SimpleNamespace(
+        small=0.15, trial=lambda *_: exact, fits=lambda _: 1.0, usually_fits=lambda trial: trial.train["x"]
+    )
     refitter = SimpleNamespace(completed=lambda _: exact.fit)
     assert restarts.followed(relaxed, FIRST, judge, refitter, lambda _: None) is (exact if taken else relaxed)
 
@@ -70,7 +76,9 @@ def test_what_follows_whole_runs_to_their_noise_is_kept_whatever_single_windows_
     relaxed = replace(stub(20.0, 27_000.0, "mounting_compliance"), train={"x": 30.0})
     exact = replace(stub(1.1, 27_000.0, "mounting_compliance"), train={"x": 40.0})
     exact.fit.exact, exact.fit.cost_per_sample = "an exact fit", per_sample
-    judge = SimpleNamespace(small=0.15, trial=lambda *_: exact, usually_fits=lambda trial: trial.train["x"])
+    judge = SimpleNamespace(
+        small=0.15, trial=lambda *_: exact, fits=lambda _: 1.0, usually_fits=lambda trial: trial.train["x"]
+    )
     refitter = SimpleNamespace(completed=lambda _: exact.fit)
     assert restarts.followed(relaxed, FIRST, judge, refitter, lambda _: None) is (exact if taken else relaxed)
 
@@ -118,7 +126,7 @@ def _settled(monkeypatch, name="friction_lag", servo=True, left=90.0, training=8
     def ended(made, name):
         return replace(stub(made, cheap if made == 500.0 else 27_000.0, name), train={"x": made})
 
-    judge = SimpleNamespace(small=0.15, usually_fits=lambda one: one.train["x"], trial=ended)
+    judge = SimpleNamespace(small=0.15, fits=lambda _: 1.0, usually_fits=lambda one: one.train["x"], trial=ended)
     mended = lambda one, *_: replace(one, train={"x": 10.0}) if one.train["x"] == 500.0 else one  # noqa: E731
     monkeypatch.setattr(restarts, "read_anew", mended)
     refitter = _Starts(ENDS)
@@ -126,7 +134,9 @@ def _settled(monkeypatch, name="friction_lag", servo=True, left=90.0, training=8
 
 
 @pytest.mark.parametrize(("training", "kept"), [(80.0, 40.0), (30.0, 30.0)])
-def test_a_state_of_its_own_starts_from_several_sizes_and_the_best_on_the_training_runs_is_kept(training, kept, monkeypatch):
+def test_a_state_of_its_own_starts_from_several_sizes_and_the_best_on_the_training_runs_is_kept(
+    training, kept, monkeypatch
+):
     refitter, found = _settled(monkeypatch, training=training)
     assert [(round(one.start["tau_L"], 3), way_of(one)) for one in refitter.asked] == list(ENDS)
     assert all(one.way == 1.0 for one in refitter.asked)
@@ -141,7 +151,11 @@ def test_a_clearly_cheaper_end_is_followed_though_it_predicts_worse(cheap, kept,
 
 @pytest.mark.parametrize(
     ("name", "servo", "left"),
-    [("gravity", True, 90.0), ("friction_lag", False, 90.0), *(("friction_lag", True, one) for one in (1.1, NEXT_TO_NOTHING))],
+    [
+        ("gravity", True, 90.0),
+        ("friction_lag", False, 90.0),
+        *(("friction_lag", True, one) for one in (1.1, NEXT_TO_NOTHING)),
+    ],
 )
 def test_an_effect_without_a_state_a_bench_and_one_that_leaves_next_to_nothing_are_spared_other_sizes(
     name, servo, left, monkeypatch
@@ -195,7 +209,9 @@ HALF_WAY, NEXT_TO_OFF, COLD = ("tight", 0.01), ("tight", 0.0004), ("cold",)
     [((91.0,), 91.0, [HALF_WAY]), ((99.0,), 99.0, [HALF_WAY]), ((400.0, 95.0), 95.0, [HALF_WAY, NEXT_TO_OFF]),
      ((120.0, np.inf), 120.0, [HALF_WAY, NEXT_TO_OFF])],
 )  # fmt: skip
-def test_a_refit_has_tight_defects_at_once_and_begins_again_next_to_off_where_it_ends_dearer(ends, kept, began, monkeypatch):
+def test_a_refit_has_tight_defects_at_once_and_begins_again_next_to_off_where_it_ends_dearer(
+    ends, kept, began, monkeypatch
+):
     assert _refits(monkeypatch, ends) == (kept, began)
 
 
@@ -242,16 +258,26 @@ def test_from_the_laws_of_sliding_friction_alone_starts_anew(monkeypatch):
 def test_an_end_that_costs_much_more_must_predict_the_training_runs_clearly_better(training, cost, taken):
     cheap = replace(stub(375.0, 27_000.0, "friction_pressure"), train={"x": 100.0})
     dear = replace(stub(1136.0, cost, "friction_pressure"), train={"x": training})
-    judge = SimpleNamespace(small=0.15, trial=lambda *_: dear, usually_fits=lambda trial: trial.train["x"])
+    judge = SimpleNamespace(
+        small=0.15, trial=lambda *_: dear, usually_fits=lambda trial: trial.train["x"], fits=lambda _: 150.0
+    )
     refitter = SimpleNamespace(sharper=lambda fit: fit, by_sliding=lambda _: [dear.fit])
     assert restarts.read_anew(cheap, judge, refitter, lambda _: None) is (dear if taken else cheap)
+
+
+@pytest.mark.parametrize(("usual", "every", "taken"), [(36.0, 38.0, False), (30.0, 38.0, True), (36.0, 30.0, True)])
+def test_an_end_far_off_in_the_worst_windows_must_predict_the_others_clearly_better(usual, every, taken):
+    """Of two ends of a silencer's restriction: 43 and 36 of the usual windows' squares, but 20 and 38 of all windows'."""
+    one, other = (replace(stub(9.0, 26_000.0), train={"x": x, "all": y}) for x, y in ((43.0, 20.0), (usual, every)))
+    judge = SimpleNamespace(usually_fits=lambda trial: trial.train["x"], fits=lambda trial: trial.train["all"])
+    assert restarts.best_end([one, other], judge) is (other if taken else one)
 
 
 def test_an_end_that_follows_whole_runs_is_the_best_whatever_it_costs():
     exact = replace(stub(1.1, 45_000.0, "friction_pressure"), train={"x": 100.0})
     exact.fit.exact, exact.fit.cost_per_sample = "an exact fit", 1.02
     cheap = replace(stub(375.0, 27_000.0, "friction_pressure"), train={"x": 99.0})
-    judge = SimpleNamespace(usually_fits=lambda trial: trial.train["x"])
+    judge = SimpleNamespace(fits=lambda _: 1.0, usually_fits=lambda trial: trial.train["x"])
     assert restarts.best_end([cheap, exact], judge) is exact
 
 
@@ -259,7 +285,9 @@ def test_what_is_led_starts_from_the_other_effects_end_and_its_own_amplitude(mon
     plant = Plant(rig(), "lugre")
     standing = Standing(plant, (), dict.fromkeys(plant.parameter_names, 2.0), {}, {}, 100.0, True)
     monkeypatch.setattr(refits.Standing, "of", lambda _: standing)
-    monkeypatch.setattr(refits, "near", lambda plant, runs, start, noise, **_: (plant.parameter_names, runs, start, noise))
+    monkeypatch.setattr(
+        refits, "near", lambda plant, runs, start, noise, **_: (plant.parameter_names, runs, start, noise)
+    )
     base = SimpleNamespace(runs="the runs", noise="the noise")
     there = SimpleNamespace(values=dict.fromkeys(plant.parameter_names, 3.0) | {"k_spring": 9.0})
     asked = Asked(CATALOGUE["gravity"], {"F_g": 5.0})
@@ -284,7 +312,7 @@ def test_a_refit_that_worsens_the_training_runs_is_made_with_tight_defects_from_
     current, trial, other = end(before), end(refitted), end(tight)
     current.fit.plant = Plant(rig(kind), "lugre")
     asked = []
-    judge = SimpleNamespace(trial=lambda *_: other, usually_fits=lambda one: one.train["x"])
+    judge = SimpleNamespace(trial=lambda *_: other, fits=lambda _: 1.0, usually_fits=lambda one: one.train["x"])
     refitter = SimpleNamespace(led=lambda base, there, one: asked.append((base, there, one.effect.name)))
     found = restarts.from_standing(score("valve_hysteresis", 390.0), trial, current, judge, refitter, lambda _: None)
     assert found is (other if taken else trial)
@@ -306,13 +334,17 @@ def test_what_leaves_whole_runs_noise_alone_starts_no_more(per_sample, again, mo
 
 
 @pytest.mark.parametrize(("usual", "looked"), [(1.15, True), (1.25, False)])
-def test_what_leaves_usual_windows_noise_alone_is_followed_to_its_exact_fit_before_it_starts_again(usual, looked, monkeypatch):
+def test_what_leaves_usual_windows_noise_alone_is_followed_to_its_exact_fit_before_it_starts_again(
+    usual, looked, monkeypatch
+):
     """The windows in which the piston breaks away are all that a relaxed fit may leave."""
     relaxed = replace(stub(usual, 27_000.0, "gravity"), whole=3.0, train={"x": 9.0})
     exact = replace(stub(1.02, 27_000.0, "gravity"), train={"x": 1.0})
     exact.fit.exact, exact.fit.cost_per_sample = "an exact fit", 1.01
     monkeypatch.setattr(restarts, "read_anew", lambda trial, *_: trial)
-    judge = SimpleNamespace(small=0.15, trial=lambda *_: exact, usually_fits=lambda one: one.train["x"])
+    judge = SimpleNamespace(
+        small=0.15, trial=lambda *_: exact, fits=lambda _: 1.0, usually_fits=lambda one: one.train["x"]
+    )
     refitter = SimpleNamespace(completed=lambda _: exact.fit)
     found = restarts.settled(score("gravity", 900.0), relaxed, FIRST, judge, refitter, lambda _: None)
     assert found is (exact if looked else relaxed)

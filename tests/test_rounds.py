@@ -21,7 +21,11 @@ def _round(scores, errors, current=FIRST, first=FIRST):
     refitter = Counting()
     errors = iter(errors)
     judge = SimpleNamespace(
-        spread=0.02, small=0.15, trial=lambda _fit, name: stub(next(errors), 27_000.0, name), usually_fits=lambda _: 1.0
+        spread=0.02,
+        small=0.15,
+        trial=lambda _fit, name: stub(next(errors), 27_000.0, name),
+        fits=lambda _: 1.0,
+        usually_fits=lambda _: 1.0,
     )
     tried = rounds.refitted(current, first, scores, judge, refitter, lambda _: None)
     return refitter, [item.effect.name for item, _ in tried]
@@ -33,7 +37,9 @@ SCORES = [score(name, drop) for name, drop in LEADING.items()]
 
 def test_three_leading_effects_are_refitted_and_the_third_is_spared_where_all_is_explained():
     found = _round(SCORES, [100.0] * 4)[0]
-    assert found.made == ["heat_transfer", "heat_transfer", "channel_skew", "valve_hysteresis"], "the leader from two starts"
+    assert found.made == ["heat_transfer", "heat_transfer", "channel_skew", "valve_hysteresis"], (
+        "the leader from two starts"
+    )
     refitter, tried = _round(SCORES, [1.1, 100.0])
     assert refitter.made == tried == ["heat_transfer", "channel_skew"]
 
@@ -111,11 +117,15 @@ def test_a_later_friction_effect_that_does_not_help_has_break_away_read_anew(nam
 
 
 def test_of_both_readings_of_break_away_the_better_one_is_kept():
-    judge = SimpleNamespace(spread=0.02, small=0.15, trial=lambda made, _: made, usually_fits=lambda _: 1.0)
+    judge = SimpleNamespace(
+        spread=0.02, small=0.15, trial=lambda made, _: made, fits=lambda _: 1.0, usually_fits=lambda _: 1.0
+    )
     for first, second in ((40.0, 12.0), (40.0, 55.0)):
         ends = iter([stub(first, 27_000.0), stub(second, 27_000.0)])
         refitter = SimpleNamespace(each=lambda _, asked, ends=ends: ((one, lambda: next(ends)) for one in asked))
-        (_, trial), *_ = rounds.refitted(ALONE, FIRST, [score("friction_warmup", 3000.0)], judge, refitter, lambda _: None)
+        (_, trial), *_ = rounds.refitted(
+            ALONE, FIRST, [score("friction_warmup", 3000.0)], judge, refitter, lambda _: None
+        )
         assert trial.error == min(first, second)
 
 
@@ -143,5 +153,3 @@ def test_errors_on_the_training_runs_are_in_the_floors_of_their_kind():
     judge = Judge((), *(NoiseFloor({"x": value}, {"x": 0.1}) for value in (4.0, 1.0)))
     trial = Trial(stub(1.0, 1.0).fit, 1.0, 1.0, {"x": 8.0}, {}, {}, {"x": 3.0})
     assert (judge.fits(trial), judge.usually_fits(trial)) == (4.0, 9.0)
-
-

@@ -109,7 +109,7 @@ def test_where_the_leading_effect_does_not_bear_other_starts_a_second_look_finds
     monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     monkeypatch.setattr(walk, "loudest", lambda _: 9.0)
     monkeypatch.setattr(walk, "second_looks", looked)
-    monkeypatch.setattr(walk, "overtaking", lambda _current, _scores, tried, *_: tried)
+    monkeypatch.setattr(walk, "overtaking", lambda _current, _first, _scores, tried, *_: tried)
     monkeypatch.setattr(walk, "settled", lambda _, trial, *__: ends.get(trial.added, trial))
     monkeypatch.setattr(walk, "led", lambda _, found, *__: found)
     _, chosen = walking()._round([heat], 15.0)
@@ -118,9 +118,9 @@ def test_where_the_leading_effect_does_not_bear_other_starts_a_second_look_finds
 
 
 @pytest.mark.parametrize(
-    ("current", "pooled", "asked"), [(FIRST, False, 1), (FIRST, True, 0), (stub(9.0, 26e3, "gravity"), False, 0)]
+    ("current", "pooled", "asked"), [(FIRST, False, 1), (FIRST, True, 0), (stub(9.0, 26e3, "gravity"), False, 1)]
 )
-def test_steps_are_looked_at_in_the_first_round_by_held_out_runs(current, pooled, asked, monkeypatch):
+def test_steps_are_looked_at_in_every_round_by_held_out_runs(current, pooled, asked, monkeypatch):
     seen = []
     monkeypatch.setattr(walk, "refitted", lambda *_: [])
     monkeypatch.setattr(walk, "overtaking", lambda *given: seen.append(given) or [])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -75,11 +76,7 @@ def refitted(
     What comes after the runner-up is spared where one before explains all there is.
     """
     newly = current.added is None
-    before, now = costs(first, current)
-    cost = current.fit.relaxed_cost
-    worth = max(min(LEAST_PART * (before - now), CLEAR_DROP * cost), WORTH_ADDING * cost)
-    worthy = least if newly else max(least, worth)
-    chosen = list(_shortlist(scores, REFITS if newly else LATER_REFITS, worthy))
+    chosen = list(_shortlist(scores, REFITS if newly else LATER_REFITS, _worthy(current, first, least)))
     if not chosen:
         return []
     leader = scores[0]
@@ -102,20 +99,35 @@ def refitted(
     return tried
 
 
+def _worthy(current: Trial, first: Trial, least: float) -> float:
+    """Predicted drop below which an effect is not refitted: ``least``, or beside others a part of what these brought."""
+    if current.added is None:
+        return least
+    before, now = costs(first, current)
+    cost = current.fit.relaxed_cost
+    return max(least, min(LEAST_PART * (before - now), CLEAR_DROP * cost), WORTH_ADDING * cost)
+
+
 def overtaking(
-    current: Trial, scores: Sequence[Score], tried: Tried, judge: Judge, refitter: Refitter, say: Say
+    current: Trial, first: Trial, scores: Sequence[Score], tried: Tried, judge: Judge, refitter: Refitter, say: Say
 ) -> Tried:
-    """Those tried, and trials with effects that promise little at zero but most of all at a step of a typical size."""
-    if not scores or any(all_explained(trial, current, judge) for _, trial in tried):
+    """Those tried, and trials with effects that promise little at zero but most of all at a step of a typical size.
+
+    Beside others only where these leave more than noise, and for as much as another one must promise.
+    """
+    noise_alone = current.added is not None and current.error - 1.0 < judge.small
+    if not scores or noise_alone or any(all_explained(trial, current, judge) for _, trial in tried):
         return tried
     known = {score.effect.name for score, _ in tried}
     typical = {one.effect.name: typical_start(current, one) for one in scores if one.effect.name not in known}
     steps = jumped(current.fit, scores, typical, refitter.order)
-    ahead = [one for one in scores if one.effect.name in steps and steps[one.effect.name].drop > OVERTAKES * scores[0].drop]
+    asked_for = max(OVERTAKES * scores[0].drop, _worthy(current, first, 0.0))
+    ahead = [one for one in scores if one.effect.name in steps and steps[one.effect.name].drop > asked_for]
     ahead = sorted(ahead, key=lambda one: -steps[one.effect.name].drop)[:STEPS]
     asked = [Asked(one.effect, steps[one.effect.name].start, one.gain, way=1.0) for one in ahead]
     makes = refitter.each(current.fit, asked)
-    return [*tried, *((one, _tried(current, one, make, judge, say)) for one, (_, make) in zip(ahead, makes, strict=True))]
+    promised = [replace(one, drop=steps[one.effect.name].drop) for one in ahead]
+    return [*tried, *((one, _tried(current, one, make, judge, say)) for one, (_, make) in zip(promised, makes, strict=True))]
 
 
 def _with_break_away(trial: Trial, current: Trial, score: Score, judge: Judge, refitter: Refitter, say: Say) -> Trial:

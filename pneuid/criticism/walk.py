@@ -272,8 +272,8 @@ class Walk:
     def _round(self, scores: Sequence[Score], least: float) -> tuple[Tried, tuple[Score, Trial] | None]:
         """Trials of one round and the one to accept, if any, all by the floor of the best model so far."""
         made = refitted(self.current, self.first, scores, self.judge, self.refitter, self.say, least)
-        if self.current.added is None and not self.pooled:
-            made = overtaking(self.current, scores, made, self.judge, self.refitter, self.say)
+        if not self.pooled:
+            made = overtaking(self.current, self.first, scores, made, self.judge, self.refitter, self.say)
         tried = self._followed(self._by_one_floor(made))
         chosen, known, looked = self._best(tried), set[str](), False
         while True:
