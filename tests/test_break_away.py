@@ -29,7 +29,7 @@ JUDGED = SimpleNamespace(**vars(JUDGE) | {"fits": lambda one: one.train["x"]})
 @pytest.mark.parametrize(
     ("error", "whole", "training", "named"),
     [
-        (1.4, 2.0, 86.0, True), (1.4, 5.0, 86.0, False), (2.1, 2.0, 86.0, False),
+        (1.4, 2.0, 86.0, True), (1.4, 5.0, 86.0, False), (2.1, 2.0, 86.0, False), (2.01, 2.0, 86.0, True),
         # nearly all of the usual excess stands for the training runs, which then must not get worse
         (1.15, 4.0, 280.0, True), (1.15, 4.0, 310.0, False), (1.3, 4.0, 280.0, False),
     ],
@@ -45,9 +45,15 @@ def test_half_of_all_windows_and_of_the_training_runs_or_nearly_all_of_the_usual
 def test_the_friction_that_promises_most_is_looked_at_where_much_is_left_on_a_servo_rig(standing, found):
     tried = [(score(name, drop), stub(2.0, 26_000.0, name)) for name, drop in
              (("load_mass", 90.0), ("friction_position", 20.0), (DWELL, 30.0))]  # fmt: skip
-    pair = leading_friction(tried, standing)
+    pair = leading_friction(tried, standing, JUDGED)
     assert (None if pair is None else pair[0].effect.name) == found
-    assert leading_friction(tried[:1], BASE) is None
+    assert leading_friction(tried[:1], BASE, JUDGED) is None
+
+
+def test_where_screening_sees_chance_the_friction_that_predicts_the_training_runs_best_is_looked_at():
+    pressure, dwell = (score("friction_pressure", 3.8), trial(1.4, 3.2, 46.0)), (score(DWELL, 2.0), trial(1.6, 2.0, 5.0))
+    assert leading_friction([pressure, dwell], BASE, JUDGED) is dwell
+    assert leading_friction([(score("friction_pressure", 38.0), pressure[1]), dwell], BASE, JUDGED)[1] is pressure[1]
 
 
 @pytest.mark.parametrize(("loud", "named"), [(1.1, [DWELL]), (1.9, [])])

@@ -11,6 +11,11 @@ from trials import FIRST, score, stub
 from pneuid.criticism.rivals import LED, alike, contains, led
 
 
+def judged(small: float, spread: float) -> SimpleNamespace:
+    """A judge by whom nothing that is left is explained by what the training runs leave open."""
+    return SimpleNamespace(small=small, spread=spread, explains=lambda _: False)
+
+
 def _exact(name: str, error: float, cost: float = 27_000.0, misfit: float = 1.0):
     trial = stub(error, cost, name)
     trial.fit.exact, trial.fit.cost_per_sample = SimpleNamespace(cost=cost), misfit
@@ -89,6 +94,15 @@ def test_a_spring_is_a_constant_force_where_it_gains_nothing_by_being_a_spring(g
     assert contains(spring, force) == limit and not contains(force, spring)
 
 
+@pytest.mark.parametrize(("most", "cost", "rival"), [(6.0, 51_212.0, True), (5.0, 51_212.0, False), (6.0, 51_220.0, False)])
+def test_where_open_parameters_explain_what_both_leave_a_mate_that_costs_as_much_is_a_rival(most, cost, rival):
+    """Of 17.3 squared floors inlet mixing left 3.1, the critical ratio that was hidden 5.4, at the same training cost."""
+    judge = SimpleNamespace(small=0.15, spread=0.05, explains=lambda trial: trial.error < most)
+    chosen = score("inlet_mixing", 475.5, ("valve_critical_ratio",)), stub(3.1, 51_212.0, "inlet_mixing")
+    mate = score("valve_critical_ratio", 475.6), stub(5.4, cost, "valve_critical_ratio")
+    assert (mate in alike(chosen, [chosen, mate], stub(17.3, 51_687.0), judge)) == rival
+
+
 @pytest.mark.parametrize(
     ("left", "group", "cost", "rivals"),
     [
@@ -103,7 +117,7 @@ def test_what_the_held_out_runs_cannot_tell_from_its_collinear_mate_is_ambiguous
     current = stub(4.6, 30_687.0)
     chosen = score("inlet_mixing", 154.0, group), stub(left, 30_534.0, "inlet_mixing")
     mate = score("valve_critical_ratio", 150.0), stub(7.5, cost, "valve_critical_ratio")
-    found = alike(chosen, [chosen, mate], current, SimpleNamespace(small=0.15, spread=0.04))
+    found = alike(chosen, [chosen, mate], current, judged(0.15, 0.04))
     assert [pair[0].effect.name for pair in found if pair is not chosen] == rivals
 
 
@@ -112,7 +126,7 @@ def test_where_noise_alone_is_left_a_mate_may_leave_no_more_than_noise_moves_bey
     """An offset of p2 at 0.184 and one of F at 0.198 of the excess, where 0.195 counts as none, fit the same runs alike."""
     chosen = score("sensor_offset_p2", 15_000.0, ("sensor_offset_F",)), stub(left, 15_339.0, "sensor_offset_p2")
     mate = score("sensor_offset_F", 15_000.0), stub(mate_leaves, 15_339.0, "sensor_offset_F")
-    found = alike(chosen, [chosen, mate], stub(4.0, 30_868.0), SimpleNamespace(small=0.15, spread=0.04))
+    found = alike(chosen, [chosen, mate], stub(4.0, 30_868.0), judged(0.15, 0.04))
     assert (mate in found) == rival
 
 
@@ -125,7 +139,7 @@ def _rival(left: float, cost: float, exact: float | None = None) -> bool:
     if exact is not None:
         mate = mate[0], _exact("inlet_mixing", left, exact)
         mate[1].fit.relaxed_cost = mate[1].fit.loose_cost = cost
-    return mate in alike(chosen, [chosen, mate], stub(303.0, 82_835.0), SimpleNamespace(small=0.15, spread=0.015))
+    return mate in alike(chosen, [chosen, mate], stub(303.0, 82_835.0), judged(0.15, 0.015))
 
 
 @pytest.mark.parametrize(
@@ -151,16 +165,16 @@ def test_what_the_training_runs_show_far_more_is_a_rival_although_it_predicts_wo
     """A dead zone took 17 of 12 411 and most of the held-out excess of 2.7, the leak past the spool that was hidden 219."""
     chosen = score("valve_dead_zone", 17.0), stub(1.7, 12_394.0, "valve_dead_zone")
     leak = score("valve_null_leakage", 186.0), stub(left, cost, "valve_null_leakage")
-    found = alike(chosen, [chosen, leak], stub(3.7, 12_411.0), SimpleNamespace(small=0.34, spread=0.09))
+    found = alike(chosen, [chosen, leak], stub(3.7, 12_411.0), judged(0.34, 0.09))
     assert (leak in found) == rival
 
 
 def test_what_takes_three_times_as_much_of_hardly_anything_is_no_rival():
     chosen = score("valve_dead_zone", 17.0), stub(1.7, 12_395.0, "valve_dead_zone")
     leak = score("valve_null_leakage", 70.0), stub(3.2, 12_345.0, "valve_null_leakage")
-    found = alike(chosen, [chosen, leak], stub(3.7, 12_411.0), SimpleNamespace(small=0.34, spread=0.09))
+    found = alike(chosen, [chosen, leak], stub(3.7, 12_411.0), judged(0.34, 0.09))
     assert leak not in found
     more = score("valve_null_leakage", 900.0), stub(3.2, 11_500.0, "valve_null_leakage")
     heavy = score("valve_dead_zone", 600.0), stub(1.7, 11_800.0, "valve_dead_zone")
-    found = alike(heavy, [heavy, more], stub(3.7, 12_411.0), SimpleNamespace(small=0.34, spread=0.09))
+    found = alike(heavy, [heavy, more], stub(3.7, 12_411.0), judged(0.34, 0.09))
     assert more not in found, "900 are no three times 600"

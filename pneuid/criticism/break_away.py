@@ -6,7 +6,7 @@ away too early, or too late, in a few, which the usual error leaves out.
 
 from __future__ import annotations
 
-from pneuid.criticism.acceptance import NEARLY_ALL, Tried
+from pneuid.criticism.acceptance import LEAST_DROP, NEARLY_ALL, Tried
 from pneuid.criticism.screening import Score
 from pneuid.criticism.trial import Judge, Trial
 
@@ -23,21 +23,24 @@ AT_BREAK_AWAY = (
 )
 
 
-def leading_friction(tried: Tried, current: Trial) -> tuple[Score, Trial] | None:
-    """The effect of friction of which screening expects most; None where not much is left, or on a bench, where all runs
-    together decide."""
+def leading_friction(tried: Tried, current: Trial, judge: Judge) -> tuple[Score, Trial] | None:
+    """The effect of friction of which screening expects most, or where that is chance the one that predicts the training runs
+    best; None where not much is left, or on a bench, where all runs together decide."""
     friction = [pair for pair in tried if pair[0].effect.equation == "friction"]
     if not friction or not current.fit.plant.servo or current.whole < FAR_IN_SOME:
         return None
-    return max(friction, key=lambda pair: pair[0].drop)
+    most = max(friction, key=lambda pair: pair[0].drop)
+    return most if most[0].drop > LEAST_DROP else min(friction, key=lambda pair: judge.fits(pair[1]))
 
 
 def shown_at_break_away(trial: Trial, current: Trial, judge: Judge) -> bool:
     """Whether an effect takes half of the held-out excess of all windows, and more than chance bears it out.
 
-    That is half of the error on the training runs as well, or nearly all of the usual excess.
+    That is half of the error on the training runs as well, or nearly all of the usual excess, which must not grow by more than
+    noise.
     """
     training = judge.fits(trial) / judge.fits(current)
     usual = (trial.error - 1.0) / max(current.error - 1.0, 1e-12)
     halved = trial.whole - 1.0 < HALVED * (current.whole - 1.0)
-    return halved and max(usual, training) < 1.0 and (training < HALVED or usual < 1.0 - NEARLY_ALL)
+    no_worse = trial.error < current.error + judge.spread and training < 1.0
+    return halved and no_worse and (training < HALVED or usual < 1.0 - NEARLY_ALL)

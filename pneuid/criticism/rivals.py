@@ -33,14 +33,17 @@ def alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judg
     """Effects that explain the held-out runs and the training runs about as well as the chosen one.
 
     Where it leaves more of the excess than it takes, and follows no whole run, the held-out runs do not tell it from those of
-    its group that cost as much. What helps held out and takes far more of the training cost is a rival too: the two kinds of
-    runs disagree.
+    its group that cost as much; nor where what the training runs leave open of their parameters explains what both leave. What
+    helps held out and takes far more of the training cost is a rival too: the two kinds of runs disagree.
     """
     undecided = chosen[1].error - 1.0 > HALF * max(current.error - 1.0, 1e-12) and not follows(chosen[1])
 
+    excused = chosen[1].error - 1.0 >= judge.small and judge.explains(chosen[1])
+
     def rival(score: Score, trial: Trial) -> bool:
         before, best, other = costs(current, chosen[1], trial)
-        if undecided and score.effect.name in chosen[0].group and abs(other - best) < SURE:
+        mate = score.effect.name in chosen[0].group and abs(other - best) < SURE
+        if mate and (undecided or (excused and judge.explains(trial))):
             return True
         if before - other > FAR_MORE * (before - best) and best - other > AGREED and trial.error < current.error:
             return True
