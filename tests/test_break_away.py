@@ -72,3 +72,15 @@ def test_it_is_named_where_no_balance_leaves_a_defect(loud, named, monkeypatch):
     assert here.step() is bool(named)
     assert here.named == named and here.rungs == [(DWELL, bool(named))]
     assert any("from 2.86 to 1.41 floors" in words for words in here.moved) is bool(named)
+
+
+def test_what_does_not_show_at_break_away_is_no_rival_of_what_does(monkeypatch):
+    """Without the windows of break-away all that were tried predict alike."""
+    here, dwell = walking(JUDGED, current=trial(1.25, 4.6, 70.0)), (score(DWELL, 30.0), trial(1.25, 1.7, 5.0, DWELL))
+    other = (score("friction_position", 3.0), trial(1.24, 3.9, 60.0, "friction_position"))
+    for name, made in {"loudest": 1.1, "settled": dwell[1], "better_without": None, "leaves_much": False}.items():
+        monkeypatch.setattr(walk, name, lambda *_, made=made: made)
+    for name, made in {"_cannot_judge": False, "_screened": [], "_round": ([dwell, other], None), "_record": None}.items():
+        monkeypatch.setattr(walk.Walk, name, lambda *_, made=made, **__: made)
+    monkeypatch.setattr(walk.Walk, "rung", lambda _, one, accepted: (one.added, accepted))
+    assert here.step() and here.ambiguous == {DWELL: ()}

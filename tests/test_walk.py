@@ -151,6 +151,16 @@ def test_a_second_look_is_for_predictions_far_off_in_the_worst_tenth_too(whole, 
     assert walking(current=current)._needs_second_looks(None) is looks
 
 
+@pytest.mark.parametrize(("fits", "exact", "looks"), [(70.0, None, True), (8.0, None, False), (70.0, "an exact fit", False)])
+def test_a_second_look_is_for_training_runs_that_the_model_cannot_follow_too(fits, exact, looks, monkeypatch):
+    """A rest's effect that the held-out runs hardly ask for: 8.4 floors off in training, 1.12 held out."""
+    monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
+    current = stub(1.25, 12_897.0)
+    current.fit.exact = exact
+    judge = SimpleNamespace(**{**vars(JUDGE), "fits": lambda _: fits})
+    assert walking(judge, current=current)._needs_second_looks(None) is looks
+
+
 def test_rivals_explain_both_kinds_of_runs_alike_whatever_their_group():
     best = (score("valve_lag", 800.0), stub(1.0, 26_333.0))
     near = (score("line_delay", 790.0), stub(1.1, 26_343.0))

@@ -335,12 +335,12 @@ class Walk:
     def _needs_second_looks(self, chosen: tuple[Score, Trial] | None) -> bool:
         """Whether much is left that the leading effects do not explain: on a balance, or, far off, at break-away alone.
 
-        Of the training runs as well, where no exact fit stands behind the model: nothing of 15 rigs that lack nothing did so.
+        Of the training runs as well where nothing helps: no model of 15 servo rigs that lack nothing was without an exact fit.
         """
         much = leaves_much(chosen, self.current) or leaves_far(chosen, self.current)
         if self.pooled or self.current.added is not None or not much:
             return False
-        far = max(self.current.error, self.current.whole) > FAR_OFF**2 or self._astray()
+        far = max(self.current.error, self.current.whole) > FAR_OFF**2 or (chosen is None and self._astray())
         return far or loudest(self.current) > DEFECT_RATIO
 
     def _by_one_floor(self, tried: Tried) -> Tried:
