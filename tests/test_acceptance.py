@@ -90,10 +90,10 @@ def test_costs_are_compared_with_loose_defects_where_one_has_no_others():
     # what takes nearly all that is left, and shows with tight defects, stands although loose ones absorb it
     gravity = mixed(6.0, 26_100.0, 27_000.0)
     assert acceptance.accepted([(score("gravity", 5e3), gravity)], current, first, JUDGE) is not None
-    # half of it is enough where the training runs are predicted far better too
-    bends = [(score("friction_viscous_nonlinear", 5e3), mixed(30.0, 26_100.0, 29_800.0))]
+    # a quarter of it is enough where the training runs are predicted far better too
+    bends = [(score("friction_viscous_nonlinear", 5e3), mixed(47.0, 26_100.0, 29_800.0))]
     assert acceptance.accepted(bends, current, first, JUDGE) is None
-    for usual, taken in ((0.45, True), (0.55, False)):
+    for usual, taken in ((0.6, True), (0.7, False)):
         by = {id(current): 1.0, id(bends[0][1]): usual}
         judge = SimpleNamespace(**{**vars(JUDGE), "usually_fits": lambda trial, by=by: by[id(trial)]})
         assert (acceptance.accepted(bends, current, first, judge) is not None) is taken
