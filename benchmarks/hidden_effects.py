@@ -78,6 +78,9 @@ PLAN = [
 ]  # fmt: skip
 """Three training runs and two held-out ones, of all but the varied cases."""
 
+DRAWN = 1000
+"""Seeds of varied cases per seed of the benchmark."""
+
 TRAINING = 3
 TOP_SUPPLY = 7e5  # Pa gauge, of the rigs that are not drawn at random
 KNOWN = CATALOGUE | LAW_STEPS
@@ -137,7 +140,7 @@ def cases(seeds: Sequence[int], nulls: Sequence[int]) -> Iterator[Case]:
 
 def _own(seed: int, number: int) -> int:
     """A seed of its own for each varied case, so that every one has another rig."""
-    return seed * 1000 + number
+    return seed * DRAWN + number
 
 
 def in_catalogue(case: Case) -> bool:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from hidden_effects import KNOWN, Case, bench_rig, cases, fit, hidden_of, on_bench, runs_of, servo_rig, standing
+from hidden_effects import DRAWN, KNOWN, Case, bench_rig, cases, fit, hidden_of, on_bench, runs_of, servo_rig, standing
 
 from pneuid import api
 from pneuid.criticism.decision import diagnose
@@ -80,7 +80,8 @@ def wanted(given: argparse.Namespace) -> list[Case]:
     """Ambiguous cases of the result files, and the named ones."""
     rows = [json.loads(line) for path in given.results for line in path.read_text("utf-8").splitlines()]
     keys = {row["key"] for row in rows if row["verdict"] == "ambiguous"} | set(given.cases)
-    seeds = sorted({int(key.rsplit("/", 1)[1]) for key in keys})
+    own = {int(key.rsplit("/", 1)[1]) for key in keys}
+    seeds = sorted(own | {seed // DRAWN for seed in own})  # a varied case has a seed of its own
     # seed by seed, as the strength alternates with the place of a seed in its list
     return [case for seed in seeds for case in cases([seed], []) if case.key in keys]
 
