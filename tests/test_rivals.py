@@ -101,6 +101,8 @@ def test_where_open_parameters_explain_what_both_leave_a_mate_that_costs_as_much
     chosen = score("inlet_mixing", 475.5, ("valve_critical_ratio",)), stub(3.1, 51_212.0, "inlet_mixing")
     mate = score("valve_critical_ratio", 475.6), stub(5.4, cost, "valve_critical_ratio")
     assert (mate in alike(chosen, [chosen, mate], stub(17.3, 51_687.0), judge)) == rival
+    clean = chosen[0], stub(1.1, 51_212.0, "inlet_mixing")
+    assert mate not in alike(clean, [clean, mate], stub(17.3, 51_687.0), judge), "noise alone needs no excuse"
 
 
 @pytest.mark.parametrize(

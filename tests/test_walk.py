@@ -159,6 +159,8 @@ def test_a_second_look_is_for_training_runs_that_the_model_cannot_follow_too(fit
     current.fit.exact = exact
     judge = SimpleNamespace(**{**vars(JUDGE), "fits": lambda _: fits})
     assert walking(judge, current=current)._needs_second_looks(None) is looks
+    helps = score("friction_direction", 20.0), stub(1.15, 12_880.0, "friction_direction")
+    assert not walking(judge, current=current)._needs_second_looks(helps), "where nothing else helps"
 
 
 def test_rivals_explain_both_kinds_of_runs_alike_whatever_their_group():
