@@ -10,6 +10,7 @@ from trials import ALONE, FIRST, JUDGE, score, stub
 
 from pneuid.criticism import acceptance
 from pneuid.criticism.trial import Trial
+from pneuid.effects import CATALOGUE
 
 INSIDE = acceptance.inside_bounds
 
@@ -99,6 +100,20 @@ def test_costs_are_compared_with_loose_defects_where_one_has_no_others():
         assert (acceptance.accepted(bends, current, first, judge) is not None) is taken
     unseen = mixed(6.0, 26_100.0, 35_000.0)
     assert acceptance.accepted([(score("gravity", 5e3), unseen)], current, first, JUDGE) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "cost", "taken"),
+    [("channel_skew", 26_900.0, False), ("channel_skew", 26_600.0, True), ("gravity", 26_900.0, True)],
+)
+def test_what_is_easily_confused_with_an_accepted_effect_must_bring_a_part_of_what_that_brought(name, cost, taken):
+    """A sensor that averages left nine tenths of its rest to a skew of all channels: 2.4 % of what the lag had brought."""
+    current = stub(6.8, 28_000.0, "sensor_lag_p2")
+    current.fit.plant.effects = (CATALOGUE["sensor_lag_p2"],)
+    judge = SimpleNamespace(**{**vars(JUDGE), "fits": lambda trial: 1.0 if trial.added == name else 10.0})
+    other = [(score(name, 1800.0), stub(1.4, cost, name))]
+    found = acceptance.accepted(other, current, stub(340.0, 55_000.0), judge)
+    assert (found is not None) is taken
 
 
 @pytest.mark.parametrize(("unseen", "taken"), [(4.0, True), (13.0, False)])

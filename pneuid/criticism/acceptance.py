@@ -5,6 +5,7 @@ from __future__ import annotations
 from pneuid.criticism.restarts import CLEARLY, DEARER
 from pneuid.criticism.screening import TELLABLE, Score
 from pneuid.criticism.trial import Judge, Trial
+from pneuid.effect import Effect
 from pneuid.estimation.fit import comparable_costs
 
 LEAST_DROP = 15.0
@@ -82,17 +83,28 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[
         clear = standing - ended >= CLEAR_DROP * standing
         share = fall / original >= LEAST_SHARE or part >= CLEAR_SHARE or (part >= SOME_SHARE and clear)
         foretold = part >= SOME_SHARE and judge.usually_fits(trial) < FORETOLD * judge.usually_fits(current)
-        if clear and (part >= NEARLY_ALL or foretold):
+        of_its_form = _confused(score.effect, current)
+        if clear and (part >= NEARLY_ALL or foretold) and not of_its_form:
             enough = standing - ended > least_drop(current)
         else:
             enough = now - after > max(least_drop(current), LEAST_PART * (before - now))
-        near = part >= NEARLY_ALL and trial.error < WITHIN**2
+        near = part >= NEARLY_ALL and trial.error < WITHIN**2 and not of_its_form
         foreseen = near and judge.fits(trial) < FORESEEN**2 * judge.fits(current)
         told = excess > 0 and fall > 3 * judge.spread and share and (enough or foreseen) and inside_bounds(score, trial)
         # a level of friction per run, read off the run that is judged, passes for a slow state of the seal
         if told and current.error - judge.unseen(trial) > OWN_GAIN * fall:
             good.append((score, trial))
     return _foreseen_far_better(_best_of(good, judge), tried, judge) if good else None
+
+
+def _confused(effect: Effect, current: Trial) -> bool:
+    """Whether an effect is easily confused with one of the standing model, so that it may take up what that one's form leaves.
+
+    A sensor whose filter is a running average left 2.6 floors with a first-order lag, and a skew of all channels, which brought
+    2.4 % of what the lag had, 1.2.
+    """
+    others = current.fit.plant.effects
+    return any(effect.name in other.confused_with or other.name in effect.confused_with for other in others)
 
 
 def _best_of(good: Tried, judge: Judge) -> tuple[Score, Trial]:
