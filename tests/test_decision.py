@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -63,6 +64,21 @@ def test_a_model_far_off_at_break_away_that_has_no_exact_fit_is_not_adequate(exa
     found = decision._nothing_named(walk, ["so far"], (), slow=False, adequate=False)
     assert found.verdict == said and found.sentences[0] == "so far"
     assert (decision.AT_BREAK_AWAY in found.sentences) == (said == "unknown")
+
+
+@pytest.mark.parametrize(
+    ("whole", "fits", "exact", "said"),
+    [(236.0, 309.0, None, "unknown"), (8.9, 309.0, None, "adequate"), (236.0, 8.9, None, "adequate"),
+     (236.0, 309.0, SimpleNamespace(), "adequate")],
+)  # fmt: skip
+def test_usual_windows_at_noise_do_not_clear_a_model_far_off_in_the_others_of_both_kinds_of_runs(whole, fits, exact, said):
+    """Static friction three times too high: 1.06 floors in the usual windows, 15 in all, 17 of the training runs."""
+    current = replace(stub(1.12, 1e4), whole=whole)
+    current.fit.exact = exact
+    walk = SimpleNamespace(current=current, judge=SimpleNamespace(**{**vars(JUDGE), "fits": lambda _: fits}), lacking=None)
+    found = decision._nothing_named(walk, ["so far"], (), slow=False, adequate=True)
+    assert found.verdict == said and (decision.AT_BREAK_AWAY in found.sentences) == (said == "unknown")
+    assert decision._nothing_named(walk, ["so far"], (), slow=True, adequate=True).verdict == "adequate"
 
 
 @pytest.mark.parametrize(("after", "said"), [(9.0, "unknown"), (2.3, "unknown"), (2.2, "adequate"), (1.01, "adequate")])

@@ -162,7 +162,7 @@ def _nothing_named(
     if walk.lacking is not None:
         return Diagnosis("unknown", (), ordered, _rest(walk.lacking), sentences=tuple(words))
     if current.error - 1.0 < judge.small:
-        return Diagnosis("adequate", (), ordered, sentences=(*words, NOTHING_MISSING))
+        return _noise_in_usual_windows(walk, words, ordered, slow)
     if slow:
         return Diagnosis("adequate", (), ordered, sentences=tuple(words))
     if current.fit.lacking and current.error > NEARLY_NOISE**2:
@@ -177,6 +177,14 @@ def _nothing_named(
         quiet = "no balance leaves a defect above noise; what the predictions lose, they lose at break-away"
         return Diagnosis("adequate", (), ordered, sentences=(*words, quiet))
     return Diagnosis("unknown", (), ordered, _rest(current), sentences=(*words, "the catalogue does not explain it"))
+
+
+def _noise_in_usual_windows(walk: Walk, words: Sequence[str], ordered: tuple[Candidate, ...], slow: bool) -> Diagnosis:
+    """Nothing is missing, unless both kinds of runs are far off in the other windows and no exact fit stands behind the model."""
+    current = walk.current
+    if current.fit.exact is None and min(current.whole, walk.judge.fits(current)) > STILL_FAR**2 and not slow:
+        return Diagnosis("unknown", (), ordered, _rest(current), sentences=(*words, AT_BREAK_AWAY))
+    return Diagnosis("adequate", (), ordered, sentences=(*words, NOTHING_MISSING))
 
 
 def _rest(trial: Trial) -> Unknown | None:
