@@ -180,7 +180,7 @@ def _nothing_named(
 
 
 def _noise_in_usual_windows(walk: Walk, words: Sequence[str], ordered: tuple[Candidate, ...], slow: bool) -> Diagnosis:
-    """Nothing is missing, unless both kinds of runs are far off in the other windows and no exact fit stands behind the model."""
+    """Nothing is missing, unless both kinds of runs are far off in the other windows and the model has no exact fit."""
     current = walk.current
     if current.fit.exact is None and min(current.whole, walk.judge.fits(current)) > STILL_FAR**2 and not slow:
         return Diagnosis("unknown", (), ordered, _rest(current), sentences=(*words, AT_BREAK_AWAY))
