@@ -166,8 +166,16 @@ def test_far_off_what_predicts_all_runs_far_better_is_accepted_in_place_of_what_
     judge = SimpleNamespace(**{**vars(JUDGE), "usually_fits": lambda trial: by[trial.added]})
     play = (score("backlash", 4.0), stub(error, cost, "backlash"))
     assert acceptance.accepted([play], current, current, judge) is None, "alone its cost says nothing for it"
-    found = acceptance.accepted([(score("mounting_compliance", 13.0), mounting), play], current, current, judge)
+    both = [(score("mounting_compliance", 13.0), mounting), play]
+    found = acceptance.accepted(both, current, current, judge)
     assert found is not None and found[0].effect.name == taken
+    # its gain read off the judged runs, it is not accepted by this way either; nor beside what it is confused with
+    judge.unseen = lambda trial: 150.0 if trial.added == "backlash" else trial.error
+    found = acceptance.accepted(both, current, current, judge)
+    assert found is not None and found[0].effect.name == "mounting_compliance"
+    judge.unseen, current.fit.plant.effects = JUDGE.unseen, (CATALOGUE[CATALOGUE["backlash"].confused_with[0]],)
+    found = acceptance.accepted(both, current, current, judge)
+    assert found is None or found[0].effect.name == "mounting_compliance"
 
 
 @pytest.mark.parametrize(

@@ -91,10 +91,19 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[
         near = part >= NEARLY_ALL and trial.error < WITHIN**2 and not of_its_form
         foreseen = near and judge.fits(trial) < FORESEEN**2 * judge.fits(current)
         told = excess > 0 and fall > 3 * judge.spread and share and (enough or foreseen) and inside_bounds(score, trial)
-        # a level of friction per run, read off the run that is judged, passes for a slow state of the seal
-        if told and current.error - judge.unseen(trial) > OWN_GAIN * fall:
+        if told and _keeps_its_gain(trial, current, judge):
             good.append((score, trial))
-    return _foreseen_far_better(_best_of(good, judge), tried, judge) if good else None
+    if not good:
+        return None
+    sound = [pair for pair in tried if inside_bounds(*pair) and not _confused(pair[0].effect, current)]
+    best = _foreseen_far_better(_best_of(good, judge), sound, judge)
+    return best if _keeps_its_gain(best[1], current, judge) else _best_of(good, judge)
+
+
+def _keeps_its_gain(trial: Trial, current: Trial, judge: Judge) -> bool:
+    """Whether the gain does not come from a level of friction per run, read off the run that is judged: that passes for a slow
+    state of the seal."""
+    return current.error - judge.unseen(trial) > OWN_GAIN * (current.error - trial.error)
 
 
 def _confused(effect: Effect, current: Trial) -> bool:
@@ -118,23 +127,19 @@ def _best_of(good: Tried, judge: Judge) -> tuple[Score, Trial]:
     return nearest if clearly and other < cost else best
 
 
-def _foreseen_far_better(best: tuple[Score, Trial], tried: Tried, judge: Judge) -> tuple[Score, Trial]:
-    """The best that qualifies, or what predicts held-out and training runs far better at about its cost.
+def _foreseen_far_better(best: tuple[Score, Trial], sound: Tried, judge: Judge) -> tuple[Score, Trial]:
+    """The best that qualifies, or what of the ``sound`` ones predicts held-out and training runs far better at about its cost.
 
     Something is accepted then in any case, and of two relaxed fits that leave noise the cheaper one is not the better one.
     """
+    if best[1].error <= WITHIN**2:
+        return best
     found = [best]
-    for score, trial in tried:
+    for score, trial in sound:
         cost, other = costs(best[1], trial)
         held_out = trial.error - 1.0 < FAR_BETTER * (best[1].error - 1.0)
         foreseen = judge.usually_fits(trial) < CLEARLY * judge.usually_fits(best[1])
-        if (
-            held_out
-            and foreseen
-            and other < DEARER * cost
-            and best[1].error > WITHIN**2
-            and inside_bounds(score, trial)
-        ):
+        if held_out and foreseen and other < DEARER * cost:
             found.append((score, trial))
     return min(found, key=lambda item: item[1].error)
 

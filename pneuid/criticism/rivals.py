@@ -41,6 +41,7 @@ def alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judg
     excused = chosen[1].error - 1.0 >= judge.small and judge.explains(chosen[1])
 
     def rival(score: Score, trial: Trial) -> bool:
+        """Whether one of those tried is not told from the chosen effect."""
         before, best, other = costs(current, chosen[1], trial)
         mate = score.effect.name in chosen[0].group and abs(other - best) < SURE
         if mate and (undecided or (excused and judge.explains(trial))):

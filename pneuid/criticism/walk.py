@@ -335,7 +335,7 @@ class Walk:
     def _needs_second_looks(self, chosen: tuple[Score, Trial] | None) -> bool:
         """Whether much is left that the leading effects do not explain: on a balance, or, far off, at break-away alone.
 
-        Of the training runs as well where nothing helps: no model of 15 servo rigs that lack nothing was without an exact fit.
+        Of the training runs as well where nothing helps: a servo rig that lacks nothing mostly has an exact fit (15 of 15).
         """
         much = leaves_much(chosen, self.current) or leaves_far(chosen, self.current)
         if self.pooled or self.current.added is not None or not much:
