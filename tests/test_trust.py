@@ -14,7 +14,7 @@ from pneuid.estimation.profile import LEVEL, profile
 from pneuid.estimation.robust import FAR, HUBER, outliers, pseudo_values
 from pneuid.plant import Plant
 from pneuid.recording import Recording
-from pneuid.virtual_rig import Friction
+from pneuid.virtual_rig import NOTHING, Friction, random_servo, record_servo
 
 SECONDS = 1.5
 
@@ -85,6 +85,19 @@ def test_what_moves_its_neighbours_too_is_no_outlier(shape):
     y = rng.normal(0.0, 1.0, 4000)
     y += {"step": 50.0 * (np.arange(4000) > 2000), "kink": 5.0 * np.maximum(np.arange(4000) - 2000, 0), "noise": 0.0}[shape]
     assert FAR >= 6.0 and not outliers(y, 1.0)[0].any()
+
+
+@pytest.mark.parametrize("seed", [10404, 10414])
+def test_what_a_slow_logger_sees_of_a_quick_stroke_is_no_outlier(seed):
+    # 150 Hz: a chamber that is compressed before an end rises by a third from sample to sample, and falls as fast
+    drawn = random_servo(seed)
+    assert drawn.rate < 200.0
+    record = record_servo(drawn.truth, NOTHING, "travel", 10.0, seed, rate=drawn.rate, sensors=drawn.sensors)
+    noises = {"x": drawn.sensors.x_noise, "p1": drawn.sensors.p_noise, "p2": drawn.sensors.p_noise}
+    for name, noise in noises.items():
+        assert not outliers(record[name], noise)[0].any(), name
+        record[name][700] += 300.0 * noise
+        assert list(np.flatnonzero(outliers(record[name], noise)[0])) == [700], name
 
 
 @pytest.mark.slow
