@@ -98,6 +98,12 @@ def test_costs_are_compared_with_loose_defects_where_one_has_no_others():
         by = {id(current): 1.0, id(bends[0][1]): usual}
         judge = SimpleNamespace(**{**vars(JUDGE), "usually_fits": lambda trial, by=by: by[id(trial)]})
         assert (acceptance.accepted(bends, current, first, judge) is not None) is taken
+    # but on the balance of what stands, whose own form may leave that; a sensor reads what every balance leaves
+    for standing, taken in (("valve_dead_zone", True), ("friction_direction", False), ("sensor_lag_p1", False)):
+        current.fit.plant.effects = (CATALOGUE[standing],)
+        judge = SimpleNamespace(**{**vars(JUDGE), "usually_fits": lambda trial: 0.6 if trial is bends[0][1] else 1.0})
+        assert (acceptance.accepted(bends, current, first, judge) is not None) is taken
+    current.fit.plant.effects = ()
     unseen = mixed(6.0, 26_100.0, 35_000.0)
     assert acceptance.accepted([(score("gravity", 5e3), unseen)], current, first, JUDGE) is None
 

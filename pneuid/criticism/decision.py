@@ -14,12 +14,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pneuid.criticism.acceptance import LEAST_DROP, NEARLY_NOISE
-from pneuid.criticism.defects import equation_defects, node_jumps
+from pneuid.criticism.defects import ACTING_ON, equation_defects, node_jumps
 from pneuid.criticism.diagnosis import NOTHING_MISSING, Candidate, Diagnosis, Unknown
 from pneuid.criticism.ladder import Rung
 from pneuid.criticism.leftover import DEFECT_RATIO, explained_away, explained_share, loudest
 from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.rounds import ACTING_ON, Say
+from pneuid.criticism.rounds import Say
 from pneuid.criticism.too_slow import too_slow
 from pneuid.criticism.trial import Trial, judge_of
 from pneuid.criticism.uncovered import uncovered

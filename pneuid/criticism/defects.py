@@ -14,6 +14,13 @@ from pneuid.estimation.shooting import Shooting
 _BALANCES = (("force", "v", "N"), ("pressure_1", "p1", "kPa"), ("pressure_2", "p2", "kPa"))
 """Equation, the state whose jump it leaves, and the unit it is shown in (kPa per interval)."""
 
+ACTING_ON = {
+    "force": ("force", "friction"),
+    "pressure_1": ("flow_1", "flow_2", "pressure_1", "pressure_2", "valve"),
+    "pressure_2": ("flow_2", "flow_1", "pressure_1", "pressure_2", "valve"),
+}
+"""Equations of the catalogue that act on a balance."""
+
 _DRAWS = 3
 
 

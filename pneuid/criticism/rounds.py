@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pneuid.criticism.acceptance import CLEAR_DROP, LEAST_DROP, LEAST_PART, LEAST_SHARE, WITHIN, Tried, costs
-from pneuid.criticism.defects import equation_defects
+from pneuid.criticism.defects import ACTING_ON, equation_defects
 from pneuid.criticism.jumps import jumped
 from pneuid.criticism.refits import Asked
 from pneuid.criticism.refitter import Refitter
@@ -50,20 +50,12 @@ FAR = 0.25
 """Share of the excess left by the best of the leading effects above which others get a second look as well: a lag or a
 memory shows little of itself in a linear prediction from zero, and its place is taken by what imitates it."""
 
-
 SMALL = 0.5
 """Share of a typical amplitude below which a refit has not been where a second look starts."""
 
 OVERTAKES, STEPS = 1.5, 2
 """Times the leading prediction that a step of a typical size must promise for its effect to be refitted from there although it
 promises little at zero, and how many at most: a silencer is not felt while the edge before it stays choked."""
-
-ACTING_ON = {
-    "force": ("force", "friction"),
-    "pressure_1": ("flow_1", "flow_2", "pressure_1", "valve"),
-    "pressure_2": ("flow_2", "flow_1", "pressure_1", "valve"),
-}
-"""Equations of the catalogue that act on a balance."""
 
 
 def refitted(
