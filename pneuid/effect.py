@@ -171,6 +171,10 @@ class Effect:
         """Names of the ports that it overrides."""
         return tuple(port for port in PORTS if getattr(type(self), port) is not getattr(Effect, port))
 
+    def resembles(self, other: Effect) -> bool:
+        """Whether one of the two names the other as what it is easily confused with."""
+        return other.name in self.confused_with or self.name in other.confused_with
+
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """Declarations of its parameters on this rig."""
         raise NotImplementedError(self.name)

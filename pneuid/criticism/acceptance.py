@@ -115,8 +115,7 @@ def _confused(effect: Effect, current: Trial) -> bool:
     A sensor whose filter is a running average left 2.6 floors with a first-order lag, and a skew of all channels, which brought
     2.4 % of what the lag had, 1.2.
     """
-    others = current.fit.plant.effects
-    return any(effect.name in other.confused_with or other.name in effect.confused_with for other in others)
+    return any(effect.resembles(other) for other in current.fit.plant.effects)
 
 
 def _on_another_balance(effect: Effect, current: Trial) -> bool:

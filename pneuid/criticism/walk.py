@@ -16,7 +16,7 @@ from pneuid.criticism.ladder import Rung
 from pneuid.criticism.leftover import DEFECT_RATIO, FAR_OFF, explained_away, loudest
 from pneuid.criticism.refitter import Refitter
 from pneuid.criticism.restarts import followed, follows, settled
-from pneuid.criticism.rivals import alike, alike_in_training, better_without, contains, led
+from pneuid.criticism.rivals import alike, alike_in_training, better_without, contains, led, lookalikes
 from pneuid.criticism.rounds import (
     Say,
     all_explained,
@@ -280,7 +280,7 @@ class Walk:
         if not self.pooled:
             made = overtaking(self.current, self.first, scores, made, self.judge, self.refitter, self.say)
         tried = self._followed(self._by_one_floor(made))
-        chosen, known, looked = self._best(tried), set[str](), False
+        chosen, known, looked, late = self._best(tried), set[str](), False, False
         while True:
             # a leading effect that does not bear other starts may have kept others from being looked at
             if not looked and self._needs_second_looks(chosen):
@@ -290,8 +290,12 @@ class Walk:
             if chosen is None:
                 return tried, chosen
             if chosen[0].effect.name in known:
-                return self._with_rivals(tried, chosen)
-            equals = [] if self.pooled else promised_alike(chosen[0], tried)[:EQUALS]
+                late = True
+                tried, chosen = self._with_rivals(scores, tried, chosen)
+            if chosen is None or chosen[0].effect.name in known:
+                return tried, chosen
+            # a look-alike has taken the place of one whose equals were started again
+            equals = [] if self.pooled or late else promised_alike(chosen[0], tried)[:EQUALS]
             for one in (chosen, *equals):
                 if one[0].effect.name in known:
                     continue
@@ -303,11 +307,15 @@ class Walk:
             # what fits the training runs better may predict worse; then another is the best, or none
             chosen = self._best(tried)
 
-    def _with_rivals(self, tried: Tried, chosen: tuple[Score, Trial]) -> tuple[Tried, tuple[Score, Trial] | None]:
-        """Those tried and the one to accept, once what promised as much was fitted from where the chosen effect led."""
+    def _with_rivals(
+        self, scores: Sequence[Score], tried: Tried, chosen: tuple[Score, Trial]
+    ) -> tuple[Tried, tuple[Score, Trial] | None]:
+        """Those tried and the one to accept, once what promised as much, or is easily confused with the chosen effect, was
+        fitted from where that one led."""
         if self.pooled:
             return tried, chosen
-        tried = self._by_one_floor(led(chosen, tried, self.current, self.judge, self.refitter, self.say))
+        how = self.current, self.judge, self.refitter, self.say
+        tried = self._by_one_floor([*led(chosen, tried, *how), *lookalikes(chosen, scores, tried, *how)])
         return tried, self._best(tried)
 
     def _followed(self, tried: Tried) -> Tried:

@@ -29,7 +29,7 @@ class LineDelay(Effect):
     equation = "flow_1"
     reference = _SOURCE
     experiment = "fast steps of the command at several supply pressures"
-    confused_with = ("valve_lag", "channel_skew", "dead_volume")
+    confused_with = ("valve_lag", "channel_skew", "dead_volume", "exhaust_restriction", "supply_droop")
     rigs = ("servo",)
     states = (State("flow_behind_1", "1", 0.0, 0.3, 0.01), State("flow_behind_2", "1", 0.0, 0.3, 0.01))
 
