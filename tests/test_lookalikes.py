@@ -74,7 +74,7 @@ def test_none_is_looked_at_where_noise_alone_is_left_or_the_model_holds_it_or_a_
     law = replace(score("friction_lag", 3000.0), effect=LAW_STEPS["law:lugre"]), stub(4.9, 52_000.0, "law:lugre")
     assert not _looked_at(law, [score("friction_dwell", 900.0)], monkeypatch=monkeypatch).asked
     dwell = score("friction_dwell", 900.0), stub(4.9, 52_000.0, "friction_dwell")
-    assert not _looked_at(dwell, [law[0]], monkeypatch=monkeypatch).asked, "a law takes another's place, and does not start there"
+    assert not _looked_at(dwell, [law[0]], monkeypatch=monkeypatch).asked, "a law takes a place"
 
 
 @pytest.mark.parametrize(("left", "named", "again"), [(1.2, "gravity", True), (9.0, "friction_direction", False)])
