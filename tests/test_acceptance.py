@@ -127,6 +127,14 @@ def test_what_is_easily_confused_with_an_accepted_effect_must_bring_a_part_of_wh
     assert (found is not None) is taken
 
 
+@pytest.mark.parametrize(
+    ("left", "cost", "alone"), [(22.6, 6579.0, True), (12.0, 6579.0, False), (22.6, 6200.0, False), (14.0, 6579.0, True)]
+)
+def test_what_takes_a_part_of_the_errors_at_break_away_and_nothing_of_the_cost_only_moves_it(left, cost, alone):
+    """Of 25.9 squared floors on a rig that was sampled 2.2 times a swing, each of five effects took 3, and 15 of 6594."""
+    assert acceptance.moves_break_away_alone(stub(left, cost, "inlet_mixing"), stub(25.9, 6594.0)) is alone
+
+
 @pytest.mark.parametrize(("unseen", "taken"), [(4.0, True), (13.0, False)])
 def test_a_gain_read_off_the_judged_runs_themselves_does_not_count(unseen, taken):
     """A warmth that starts anew in each run is a free level of friction: without it 4 or 13 of 20 squared floors are left."""

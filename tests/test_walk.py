@@ -406,3 +406,11 @@ def test_a_model_that_no_parameters_make_follow_is_refitted_with_what_promises_l
     monkeypatch.setattr(walk_, "_take", lambda *_: True)
     monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
     assert walk_.step() and seen == [least]
+
+
+@pytest.mark.parametrize(("slow", "cost", "named"), [(True, 42_000.0, False), (True, 40_000.0, True), (False, 42_000.0, True)])
+def test_recordings_that_do_not_show_break_away_name_what_explains_half_or_shows_in_training(slow, cost, named):
+    tried = [(score("inlet_mixing", 900.0), stub(100.0, cost, "inlet_mixing"))]
+    walked = walking()
+    walked.slow = slow
+    assert (walked._best(tried) is not None) is named

@@ -52,6 +52,9 @@ FAR_BETTER = 0.5
 """Share of the held-out excess left by what was to be accepted, below which another, clearly better on the training runs, is
 accepted although the relaxed cost does not fall: play in the joint left 5.7 floors, a compliant mounting, 4 % cheaper, 8.9."""
 
+HALF = 0.5
+"""Share of the excess that must go where recordings do not show break-away."""
+
 OWN_GAIN = 0.5
 """Share of its gain on a bench's held-out runs that an effect must keep where these do not tell how its slow states start."""
 
@@ -152,6 +155,16 @@ def _foreseen_far_better(best: tuple[Score, Trial], sound: Tried, judge: Judge) 
         if held_out and foreseen and other < DEARER * cost:
             found.append((score, trial))
     return min(found, key=lambda item: item[1].error)
+
+
+def moves_break_away_alone(trial: Trial, current: Trial) -> bool:
+    """Whether a trial leaves more than half of the excess and lowers the training cost by next to nothing.
+
+    Where recordings do not show break-away, its errors are what is left, and whatever moves it a little takes a part of them:
+    of a rig sampled 2.2 times a swing with nothing hidden, five effects took 13 to 15 % of 5.1 floors and 0.2 % of the cost.
+    """
+    now, after = costs(current, trial)
+    return trial.error - 1.0 > HALF * (current.error - 1.0) and now - after < CLEAR_DROP * now
 
 
 def inside_bounds(score: Score, trial: Trial) -> bool:

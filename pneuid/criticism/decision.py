@@ -89,7 +89,7 @@ def diagnose(
     judge = judge_of(base, [prepare(run, base.plant, base.noise) for run in hold_out])
     current, slow = judge.trial(base), too_slow(base)
     judged = {name: one for name, one in catalogue.items() if slow is None or one.equation not in ACTING_ON["force"]}
-    walk = Walk(judge, current, current, judged, refitter or Refitter(list(catalogue)), say)
+    walk = Walk(judge, current, current, judged, refitter or Refitter(list(catalogue)), say, slow=slow is not None)
     walk.moved += [] if slow is None else [slow]
     walk.rungs.append(walk.rung(current, True))
     climb(walk)

@@ -7,7 +7,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pneuid.criticism.acceptance import LEAST_DROP, LEAST_SHARE, Tried, accepted, costs, least_drop
+from pneuid.criticism.acceptance import (
+    LEAST_DROP,
+    LEAST_SHARE,
+    Tried,
+    accepted,
+    costs,
+    least_drop,
+    moves_break_away_alone,
+)
 from pneuid.criticism.all_runs import beyond_doubt, least_shown, shown, shown_by_training, within_a_sample
 from pneuid.criticism.break_away import AT_BREAK_AWAY, leading_friction, shown_at_break_away
 from pneuid.criticism.diagnosis import Candidate
@@ -84,7 +92,8 @@ class Walk:
     current, first : trials of the standing model and of the base; named : effects accepted so far; ambiguous : by the name
     of an accepted effect, those that explain as much; moved : what was said of better starts, and of what all runs show;
     pooled : whether all runs decide, to which then the trials are fitted; lacking : the model fitted to all runs, where nothing
-    was named although an effect lowers their cost by more than chance.
+    was named although an effect lowers their cost by more than chance; slow : whether the recordings are too slow to show
+    break-away.
     """
 
     judge: Judge
@@ -100,6 +109,7 @@ class Walk:
     moved: list[str] = field(default_factory=list)
     pooled: bool = False
     lacking: Trial | None = None
+    slow: bool = False
 
     def step(self) -> bool:
         """One round; False where there is nothing more to gain."""
@@ -338,7 +348,8 @@ class Walk:
         """The trial to accept, if any: what the held-out runs say, or all runs where those cannot judge."""
         if self.pooled:
             return next(iter(shown(tried, self.current, self.judge)), None)
-        return accepted(tried, self.current, self.first, self.judge)
+        found = accepted(tried, self.current, self.first, self.judge)
+        return None if found is not None and self.slow and moves_break_away_alone(found[1], self.current) else found
 
     def _needs_second_looks(self, chosen: tuple[Score, Trial] | None) -> bool:
         """Whether much is left that the leading effects do not explain: on a balance, or, far off, at break-away alone.
