@@ -93,7 +93,8 @@ def test_one_that_leaves_less_takes_the_place_and_bears_other_starts_itself(left
         asked.append(chosen[0].effect.name)
         return [weight] if len(asked) == 1 else []
 
-    monkeypatch.setattr(walk, "refitted", lambda *_: [DIRECTION])
+    other = score("friction_pressure", 1500.0), stub(57.0, 61_000.0, "friction_pressure")
+    monkeypatch.setattr(walk, "refitted", lambda *_: [DIRECTION, other])
     monkeypatch.setattr(walk, "same_floor", lambda judge, current, base, found: (judge, current, base, found))
     monkeypatch.setattr(walk, "settled", lambda _, trial, *__: settled.append(trial.added) or trial)
     monkeypatch.setattr(walk, "led", lambda _, found, *__: found)
@@ -102,4 +103,5 @@ def test_one_that_leaves_less_takes_the_place_and_bears_other_starts_itself(left
     walked.first = first
     tried, chosen = walked._round([], 15.0)
     assert chosen[0].effect.name == named and ("gravity" in settled) is again
-    assert [pair[0].effect.name for pair in tried] == ["friction_direction", "gravity"], "told among those tried"
+    assert [pair[0].effect.name for pair in tried][::2] == ["friction_direction", "gravity"], "told among those tried"
+    assert "friction_pressure" not in settled, "what promised more than the look-alike has had its turn"
