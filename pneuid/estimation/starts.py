@@ -26,8 +26,9 @@ HIGH, NARROW = 3.0, 3.0e-3
 """Static over Coulomb friction, and Stribeck velocity in m/s, from which break-away under laws of pressure starts as well:
 where it is so, a fit from a low and wide one flattens the peak and bends the laws of the Stribeck velocity instead."""
 
-DEFLECTIONS = (20e-6, 50e-6)
-"""Deflections in m at which seals break away, from which tight defects find the right parameters."""
+DEFLECTIONS = (50e-6, 20e-6)
+"""Deflections in m at which seals break away, from which tight defects find the right parameters; the softest first, for loose
+defects often end too stiff."""
 
 LOWEST_PEAK, TYPICAL_PEAK = 1.1, 1.6
 """Lowest and typical static friction over Coulomb friction."""
@@ -53,8 +54,8 @@ def from_far(plant: Plant, guess: Values, best: Values, turn: int) -> dict[str, 
 
 
 def seals(plant: Plant, values: Values) -> list[dict[str, float]]:
-    """``values`` (SI) with the break-away of typical seals, of two deflections each: with the peak of friction that they have,
-    within what seals have, and with a typical one. Laws of break-away keep their peak.
+    """``values`` (SI) with the break-away of typical seals, of two deflections each, the softer first: with the peak that they
+    have, within what seals have, and with a typical one. Laws of break-away keep their peak.
     """
     own = float(np.clip(values.get("Fs", values["Fc"]), LOWEST_PEAK * values["Fc"], HIGH * values["Fc"]))
     laws = any(effect.break_away(values, HIGH) for effect in plant.effects)
