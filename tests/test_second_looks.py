@@ -25,7 +25,8 @@ def _looks(monkeypatch, errors, scores, tried=(), defects=(), sharper=None, jump
     monkeypatch.setattr(rounds, "equation_defects", lambda _: defects)
     monkeypatch.setattr(rounds, "typical_start", lambda *_: {})
     monkeypatch.setattr(rounds, "_set_out_small", lambda _, one: one.start.get("small", False))
-    monkeypatch.setattr(rounds, "large_starts", lambda *_: large)
+    own = large if isinstance(large, dict) else {one.effect.name: large for one in scores}
+    monkeypatch.setattr(rounds, "large_starts", lambda _, one: own.get(one.effect.name, ()))
     judge = SimpleNamespace(
         spread=0.02, small=0.15, trial=lambda fit, name: fit if isinstance(fit, Trial) else stub(*errors[name], name),
         fits=lambda _: 1.0, usually_fits=lambda trial: trial.fit.relaxed_cost,
@@ -135,6 +136,14 @@ def test_a_second_look_begins_with_what_promises_most_at_zero_or_at_a_step(monke
     scores = [score(name, drop) for name, drop in zip(errors, (40.0, 3.0, 2.0, 1.0), strict=True)]
     refitter, _ = _looks(monkeypatch, errors, scores, jumps={"backlash": 75.0, "load_mass": 35.0})
     assert refitter.made == ["backlash", "gravity", "load_mass", "friction_lag"]
+
+
+def test_a_second_look_leaves_what_has_a_state_of_its_own_to_the_end(monkeypatch):
+    """A film that lags and a memory of rest, six fits of up to ten seconds, came before a friction that one second finds."""
+    errors = {"friction_lag": (50.0, 27_000.0), "gravity": (50.0, 27_000.0), "backlash": (1.05, 27_000.0)}
+    scores = [score(name, drop) for name, drop in zip(errors, (40.0, 30.0, 20.0), strict=True)]
+    refitter, found = _looks(monkeypatch, errors, scores, large={"friction_lag": [{"tau_L": 0.08}]})
+    assert refitter.made == ["gravity", "backlash"] and len(found) == 2
 
 
 @pytest.mark.parametrize(

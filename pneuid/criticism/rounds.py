@@ -143,7 +143,8 @@ def second_looks(
     """Those tried, and trials with others from typical amplitudes, until one explains all: those that act on the loudest
     balance, and those that promise as much as was worth a refit before others led.
 
-    First come those that promise most, at zero or at a step of a typical size or of a part of it, from where that step leads.
+    Of those that promise most, at zero or at a step of a typical size or of a part of it, from where that step leads, the ones
+    with a state of their own come last: their refits take ten times as long, and they start from several sizes.
     An effect whose refit set out far below a typical amplitude, or that promised much and did not help, is tried again, and the
     better trial kept.
     """
@@ -165,6 +166,7 @@ def second_looks(
     jumps = jumped(current.fit, scores, typical, refitter.order)
     left = sorted(open_ones, key=lambda score: -max(score.drop, jumps[score.effect.name].drop))[:SECOND_LOOKS]
     starts = {score.effect.name: [jumps[score.effect.name].start, *large_starts(current, score)] for score in left}
+    left.sort(key=lambda score: len(starts[score.effect.name]) > 1)
     servo = current.fit.plant.servo
     ways = (False, True) if servo else (True,)
     asked = [
