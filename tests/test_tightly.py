@@ -80,8 +80,10 @@ def test_what_runs_out_of_iterations_on_the_way_goes_on_from_where_it_came(monke
 
 
 def test_a_tight_fit_that_is_stopped_leaves_the_best_so_far_and_says_so(monkeypatch):
-    best, _ = _tightly(monkeypatch, 1000.0, 999.0, 900.0, -500.0)
-    assert (best.cost, best.status) == (900.0, INTERRUPTED)
+    best, asked = _tightly(monkeypatch, 1000.0, 999.0, 900.0, -500.0)
+    assert (best.cost, best.status, len(asked)) == (900.0, INTERRUPTED, 3)
+    best, asked = _tightly(monkeypatch, 1000.0, 800.0, -500.0, 700.0)
+    assert (best.cost, best.status, len(asked)) == (800.0, INTERRUPTED, 2), "no other seal is tried after that"
 
 
 def test_a_law_without_break_away_has_no_other_seal(monkeypatch):

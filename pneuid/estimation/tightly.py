@@ -33,8 +33,8 @@ def tightly(task: Task, found: Found) -> Found:
     values = values_at(found[0], found[1].outcome.X)
     softest, *others = seals(task.plant, values)
     best = _cheapest(task, found, [values, softest])
-    if best is found and found[0].relaxation != TIGHT:
-        return found  # as a rule the model lacks something
+    if best[1].outcome.status == INTERRUPTED or (best is found and found[0].relaxation != TIGHT):
+        return best  # as a rule the model lacks something, where loose defects cost less
     best = _cheapest(task, best, others)
     for _ in range(ROUNDS):
         if best is found or best[1].outcome.status == INTERRUPTED:
