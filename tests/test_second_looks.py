@@ -139,7 +139,7 @@ def test_a_second_look_begins_with_what_promises_most_at_zero_or_at_a_step(monke
 
 
 def test_a_second_look_leaves_what_has_a_state_of_its_own_to_the_end(monkeypatch):
-    """A film that lags and a memory of rest, six fits of up to ten seconds, came before a friction that one second finds."""
+    """A film that lags and a memory of rest, eight fits of up to nine seconds, came before a friction that one second finds."""
     errors = {"friction_lag": (50.0, 27_000.0), "gravity": (50.0, 27_000.0), "backlash": (1.05, 27_000.0)}
     scores = [score(name, drop) for name, drop in zip(errors, (40.0, 30.0, 20.0), strict=True)]
     refitter, found = _looks(monkeypatch, errors, scores, large={"friction_lag": [{"tau_L": 0.08}]})
