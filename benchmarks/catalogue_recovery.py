@@ -15,8 +15,8 @@ import time
 import casadi as ca
 import numpy as np
 
-from pneuid.criticism.refits import Asked, Standing, refit
-from pneuid.criticism.screening import screen
+from pneuid.criticism.refitting.refits import Asked, Standing, refit
+from pneuid.criticism.screening.scores import screen
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import fit
 from pneuid.plant import Plant

@@ -40,8 +40,8 @@ from hidden_counts import SHEET_ERROR, table
 from varied_cases import Run, drawn_bench, drawn_hidden, drawn_motions, drawn_plan, drawn_servo
 
 from pneuid import api
-from pneuid.criticism.decision import diagnose
-from pneuid.criticism.unknown import explained
+from pneuid.criticism.decision.verdict import diagnose
+from pneuid.criticism.unknown.rest import explained
 from pneuid.effects import CATALOGUE, LAW_STEPS
 from pneuid.errors import ComputationError, UserError
 from pneuid.estimation.fit import fit

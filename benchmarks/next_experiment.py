@@ -23,10 +23,10 @@ import numpy as np
 from hidden_effects import DRAWN, KNOWN, Case, bench_rig, cases, fit, hidden_of, on_bench, runs_of, servo_rig, standing
 
 from pneuid import api
-from pneuid.criticism.decision import diagnose
-from pneuid.criticism.diagnosis import Command
-from pneuid.criticism.experiment import for_verdict
-from pneuid.criticism.unknown import explained
+from pneuid.criticism.decision.diagnosis import Command
+from pneuid.criticism.decision.verdict import diagnose
+from pneuid.criticism.next_experiment.proposal import for_verdict
+from pneuid.criticism.unknown.rest import explained
 from pneuid.recording import Recording
 from pneuid.virtual_rig import Motion, record_bench, record_command
 

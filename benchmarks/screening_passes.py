@@ -13,7 +13,7 @@ import numpy as np
 from hidden_effects import KNOWN, Case, runs_of
 
 from pneuid import api
-from pneuid.criticism.screening import screen
+from pneuid.criticism.screening.scores import screen
 from pneuid.estimation.fit import Fit, fit
 
 CASES = {

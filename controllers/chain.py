@@ -15,9 +15,9 @@ from controllers.measure import measured_runs
 from controllers.registry import CONTROLLERS
 from controllers.scenario import Scenario, read_scenario
 from pneuid import api
-from pneuid.criticism.comparison import Comparison
-from pneuid.criticism.decision import Verdict
-from pneuid.criticism.ladder import Rung, rung_of, to_json
+from pneuid.criticism.comparison.comparison import Comparison
+from pneuid.criticism.comparison.ladder import Rung, rung_of, to_json
+from pneuid.criticism.decision.verdict import Verdict
 from pneuid.errors import ComputationError
 from pneuid.model import Model
 from pneuid.pool import Pool

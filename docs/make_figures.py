@@ -18,7 +18,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from pneuid.criticism.signature import signature
+from pneuid.criticism.screening.signature import signature
 from pneuid.effects import CATALOGUE
 from pneuid.effects.__main__ import demonstration_rig
 from pneuid.report.signature_figure import signature_figure

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pneuid
-from pneuid.criticism.comparison import Comparison, SignalError
-from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
+from pneuid.criticism.comparison.comparison import Comparison, SignalError
+from pneuid.criticism.decision.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.effect import Effect, Parameter, Scope, State
 from pneuid.model import Estimate, Model
 

@@ -10,15 +10,15 @@ import numpy as np
 import pandas as pd
 
 from pneuid import model as model_file
-from pneuid.criticism import decision, rounds
-from pneuid.criticism.comparison import Comparison, compare, frozen
-from pneuid.criticism.diagnosis import Diagnosis
-from pneuid.criticism.experiment import for_verdict
+from pneuid.criticism.comparison.comparison import Comparison, compare, frozen
+from pneuid.criticism.comparison.trust import trust
+from pneuid.criticism.decision import rounds, verdict
+from pneuid.criticism.decision.diagnosis import Diagnosis
 from pneuid.criticism.frames import notebook_html
-from pneuid.criticism.prediction import predict_free
-from pneuid.criticism.refitter import Refitter
-from pneuid.criticism.trust import trust
-from pneuid.criticism.unknown import explained
+from pneuid.criticism.next_experiment.proposal import for_verdict
+from pneuid.criticism.prediction.horizons import predict_free
+from pneuid.criticism.refitting.refitter import Refitter
+from pneuid.criticism.unknown.rest import explained
 from pneuid.effect import Effect
 from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
 from pneuid.effects._by_name import canonical
@@ -209,7 +209,7 @@ def diagnose(
     effect_files: Sequence[str | Path] = (),
     pool: Pool | None = None,
     store: Store | None = None,
-) -> decision.Verdict:
+) -> verdict.Verdict:
     """As ``IdentifiedModel.diagnose``, with the rungs climbed; ``say`` receives a sentence per step.
 
     effect_files : the user's own, whose effects are candidates beside the catalogue's; pool : where refits are made, this
@@ -228,7 +228,7 @@ def diagnose(
     candidates = CATALOGUE | own | LAW_STEPS
     files = tuple(map(str, effect_files))
     refitter = Refitter(tuple(candidates), monitor, pool or InProcess(), store or Store(), files)
-    found = explained(decision.diagnose(base, held, candidates, refitter, say), held, say)
+    found = explained(verdict.diagnose(base, held, candidates, refitter, say), held, say)
     if found.diagnosis.verdict == "ambiguous":
         say("looking for the recording that tells the candidates apart")
     experiment = for_verdict(found, base, candidates, refitter)

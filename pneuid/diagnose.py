@@ -11,8 +11,8 @@ from rich.console import Console
 
 from pneuid import api
 from pneuid.compare import demo_model
-from pneuid.criticism.diagnosis import NOTHING_MISSING, Diagnosis
-from pneuid.criticism.ladder import to_json
+from pneuid.criticism.comparison.ladder import to_json
+from pneuid.criticism.decision.diagnosis import NOTHING_MISSING, Diagnosis
 from pneuid.errors import UserError
 from pneuid.pool import Pool, open_pool
 from pneuid.report.reports import diagnose_report

@@ -10,9 +10,9 @@ from pathlib import Path
 from rich.console import Console
 
 from pneuid import api
-from pneuid.criticism.comparison import Comparison
-from pneuid.criticism.diagnosis import Diagnosis
-from pneuid.criticism.ladder import Rung, from_json, rung_of, to_json
+from pneuid.criticism.comparison.comparison import Comparison
+from pneuid.criticism.comparison.ladder import Rung, from_json, rung_of, to_json
+from pneuid.criticism.decision.diagnosis import Diagnosis
 from pneuid.errors import UserError
 from pneuid.estimation.fit import Interrupted
 from pneuid.estimation.profile import Profile

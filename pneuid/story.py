@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from pneuid.criticism.ladder import Rung, from_json
+from pneuid.criticism.comparison.ladder import Rung, from_json
 from pneuid.errors import UserError
 from pneuid.recording import Recording
 from pneuid.resources import scenario_path

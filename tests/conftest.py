@@ -12,7 +12,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import pytest  # noqa: E402 - the environment comes first
 from hypothesis import settings  # noqa: E402
 
-from pneuid.criticism import acceptance, all_runs  # noqa: E402
+from pneuid.criticism.decision import acceptance, all_runs  # noqa: E402
 
 settings.register_profile("pneuid", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("pneuid")

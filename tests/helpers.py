@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from pneuid.criticism.screening import Score, screen
+from pneuid.criticism.screening.scores import Score, screen
 from pneuid.effect import Effect
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import Fit, fit

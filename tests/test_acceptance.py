@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from trials import ALONE, FIRST, JUDGE, score, stub
 
-from pneuid.criticism import acceptance
-from pneuid.criticism.trial import Trial
+from pneuid.criticism.decision import acceptance
+from pneuid.criticism.refitting.trial import Trial
 from pneuid.effects import CATALOGUE
 
 INSIDE = acceptance.inside_bounds

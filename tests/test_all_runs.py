@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from trials import score, stub
 
-from pneuid.criticism import all_runs as module
-from pneuid.criticism import leftover, walk
-from pneuid.criticism.all_runs import beyond_doubt, least_shown, shown, within_a_sample
-from pneuid.criticism.diagnosis import NOTHING_MISSING, Candidate, Diagnosis
-from pneuid.criticism.leftover import explained_away
-from pneuid.criticism.walk import Walk
+from pneuid.criticism.decision import all_runs as module
+from pneuid.criticism.decision import leftover, walk
+from pneuid.criticism.decision.all_runs import beyond_doubt, least_shown, shown, within_a_sample
+from pneuid.criticism.decision.diagnosis import NOTHING_MISSING, Candidate, Diagnosis
+from pneuid.criticism.decision.leftover import explained_away
+from pneuid.criticism.decision.walk import Walk
 from pneuid.diagnose import _next
 from pneuid.effects import CATALOGUE
 

@@ -15,8 +15,8 @@ from helpers import base_fit, held_runs, train_runs
 
 import pneuid
 from pneuid import api
-from pneuid.criticism.comparison import Comparison
-from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
+from pneuid.criticism.comparison.comparison import Comparison
+from pneuid.criticism.decision.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.model import model_of
 from pneuid.units import parse_quantity
 

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import pytest
 from trials import JUDGE, score, stub, walking
 
-from pneuid.criticism import walk
-from pneuid.criticism.break_away import leading_friction, shown_at_break_away
-from pneuid.criticism.trial import Trial
+from pneuid.criticism.decision import walk
+from pneuid.criticism.decision.break_away import leading_friction, shown_at_break_away
+from pneuid.criticism.refitting.trial import Trial
 
 DWELL = "friction_dwell"
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import rig
 
-from pneuid.criticism.signature import Signature, signature, typical_value
+from pneuid.criticism.screening.signature import Signature, signature, typical_value
 from pneuid.effects import CATALOGUE, GROUPS, group_of
 from pneuid.effects.__main__ import demonstration_rig, main
 from pneuid.errors import UserError

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from helpers import TRUTH, base_fit, rig, servo_run
 
-from pneuid.criticism.frozen import Frozen
-from pneuid.criticism.prediction import predict_ahead
+from pneuid.criticism.prediction.frozen import Frozen
+from pneuid.criticism.prediction.horizons import predict_ahead
 from pneuid.estimation.end_stops import stretches
 from pneuid.estimation.fit import Fit, fit
 from pneuid.estimation.preparation import data_ranges, noise_of, prepare

@@ -7,7 +7,7 @@ import math
 import pytest
 from trials import score, stub
 
-from pneuid.criticism.evidence import as_refitted, chance, leading
+from pneuid.criticism.decision.evidence import as_refitted, chance, leading
 
 
 def test_the_p_value_is_that_of_the_likelihood_ratio():

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from helpers import base_fit, rig
 
-from pneuid.criticism.diagnosis import Command
-from pneuid.criticism.excitations import BENCH_LIBRARY, SERVO_LIBRARY, Axis
-from pneuid.criticism.experiment import _groups, propose
-from pneuid.criticism.playing import MARGIN, play
-from pneuid.criticism.rival import Rival
+from pneuid.criticism.decision.diagnosis import Command
+from pneuid.criticism.next_experiment.excitations import BENCH_LIBRARY, SERVO_LIBRARY, Axis
+from pneuid.criticism.next_experiment.playing import MARGIN, play
+from pneuid.criticism.next_experiment.proposal import _groups, propose
+from pneuid.criticism.next_experiment.rival import Rival
 from pneuid.effects import CATALOGUE, effects_by_name
 from pneuid.estimation.fit import fit
 from pneuid.plant import Plant

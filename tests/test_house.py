@@ -39,6 +39,9 @@ ROOMS: tuple[tuple[str, ...], ...] = (
 )
 """Rooms of ``pneuid`` from top to bottom; a module imports its own room and rooms above it only."""
 
+CHAPTERS = ("prediction", "comparison", "screening", "refitting", "decision", "unknown", "next_experiment")
+"""Chapters of ``pneuid.criticism`` in the order of reading; a module imports its own and earlier ones only."""
+
 FRONT = next(rank for rank, names in enumerate(ROOMS) if "" in names)
 COMMANDS = len(ROOMS) - 1
 VIRTUAL_RIG_MAY_IMPORT = {"errors", "signals", "units", "virtual_rig"}
@@ -153,6 +156,17 @@ def direction_faults(name: str, source: str, is_package: bool = False) -> list[s
     return faults
 
 
+def chapter_faults(name: str, source: str, is_package: bool = False) -> list[str]:
+    """What a module of ``pneuid.criticism`` imports of a later chapter."""
+    own = CHAPTERS.index(name.split(".")[2])
+    heads = [(target, [*target.split("."), "", ""][2]) for target in imports(name, source, is_package)]
+    return [
+        f"{name} imports {target}, of a later chapter"
+        for target, head in heads
+        if within(target, ("pneuid.criticism",)) and head in CHAPTERS and CHAPTERS.index(head) > own
+    ]
+
+
 def purity_faults(name: str, source: str, is_package: bool = False) -> list[str]:
     """What ``name`` does that belongs to another room: printing, plotting, arguments, files."""
     faults = []
@@ -184,6 +198,11 @@ def _checked(name: str) -> tuple[str, str, bool]:
 @pytest.mark.parametrize("name", [*PNEUID, *CONTROLLERS])
 def test_imports_point_up(name):
     assert direction_faults(*_checked(name)) == []
+
+
+@pytest.mark.parametrize("name", [name for name in PNEUID if name.count(".") > 2 and within(name, ("pneuid.criticism",))])
+def test_chapters_build_on_earlier_ones(name):
+    assert chapter_faults(*_checked(name)) == []
 
 
 @pytest.mark.parametrize("name", PNEUID)
@@ -244,6 +263,12 @@ def test_a_right_import_passes(name, source):
     assert direction_faults(name, source) == []
 
 
+def test_a_chapter_that_looks_ahead_is_caught():
+    ahead = "from pneuid.criticism.decision.walk import Walk"
+    assert chapter_faults("pneuid.criticism.refitting.refits", ahead)
+    assert chapter_faults("pneuid.criticism.unknown.rest", ahead) == []
+
+
 @pytest.mark.parametrize(
     ("name", "source"),
     [
@@ -253,7 +278,7 @@ def test_a_right_import_passes(name, source):
         ("pneuid.plant", "def f(path):\n    path.write_bytes(b'')"),
         ("pneuid.estimation.fit", "import numpy as np\nnp.save('a.npy', 1)"),
         ("pneuid.estimation.fit", "def f():\n    import rich.console"),
-        ("pneuid.criticism.ladder", "from matplotlib import pyplot"),
+        ("pneuid.criticism.comparison.ladder", "from matplotlib import pyplot"),
         ("pneuid.identify", "import matplotlib.pyplot as plt"),
         ("pneuid.model", "import argparse"),
         ("pneuid.virtual_rig.kernel", "print(1)"),

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from helpers import base_fit, scores
 
-from pneuid.criticism.acceptance import LEAST_DROP
-from pneuid.criticism.jumps import Jump, jumped
-from pneuid.criticism.rounds import OVERTAKES
-from pneuid.criticism.screening import Fitted
+from pneuid.criticism.decision.acceptance import LEAST_DROP
+from pneuid.criticism.decision.rounds import OVERTAKES
+from pneuid.criticism.screening.jumps import Jump, jumped
+from pneuid.criticism.screening.scores import Fitted
 from pneuid.effects import CATALOGUE
 from pneuid.plant import Plant
 

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import pytest
 from trials import FIRST, JUDGE, score, stub, walking
 
-from pneuid.criticism import rivals, walk
-from pneuid.criticism.jumps import Jump
-from pneuid.criticism.rivals import LOOKALIKES, lookalikes
+from pneuid.criticism.decision import rivals, walk
+from pneuid.criticism.decision.rivals import LOOKALIKES, lookalikes
+from pneuid.criticism.screening.jumps import Jump
 from pneuid.effects import CATALOGUE, LAW_STEPS
 
 pytestmark = pytest.mark.usefixtures("amplitudes_inside")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from helpers import RANGES, base_fit, held_runs, rig, values_of
 
-from pneuid.criticism import prediction, window_starts
-from pneuid.criticism.frozen import Frozen
-from pneuid.criticism.memory import CERTAIN, carried
+from pneuid.criticism.prediction import horizons, window_starts
+from pneuid.criticism.prediction.frozen import Frozen
+from pneuid.criticism.prediction.memory import CERTAIN, carried
 from pneuid.effects import effects_by_name
 from pneuid.estimation.preparation import prepare
 from pneuid.plant import Plant
@@ -68,7 +68,7 @@ def test_a_prediction_carries_a_warmth_from_window_to_window_and_no_spool(name, 
     run = prepare(held_runs()[0], plant, base.noise)
     made, estimate = [], window_starts.start_states
     monkeypatch.setattr(window_starts, "start_states", lambda *given: made.append(given[-1]) or estimate(*given))
-    _, start = prediction.ahead_of(model, model.function([run]), run, run.data)
+    _, start = horizons.ahead_of(model, model.function([run]), run, run.data)
     spread = plant.effect_states[0].spread
     assert len(made) == (2 if lasts else 1)
     assert np.all(start.prior[0, -1] == spread)

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from helpers import RANGES, TRUTH, base_fit, rig, servo_run, train_runs
 
-from pneuid.criticism.comparison import frozen
-from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
-from pneuid.criticism.ladder import Rung, from_json, to_json
-from pneuid.criticism.prediction import predict
+from pneuid.criticism.comparison.comparison import frozen
+from pneuid.criticism.comparison.ladder import Rung, from_json, to_json
+from pneuid.criticism.decision.diagnosis import Candidate, Diagnosis, Unknown
+from pneuid.criticism.prediction.horizons import predict
 from pneuid.errors import UserError
 from pneuid.estimation.fit import fit
 from pneuid.estimation.preparation import prepare

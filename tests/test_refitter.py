@@ -8,9 +8,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from pneuid.criticism import refitter as refitting
-from pneuid.criticism.refits import Asked, Standing, refit
-from pneuid.criticism.refitter import Refitter
+from pneuid.criticism.refitting import refitter as refitting
+from pneuid.criticism.refitting.refits import Asked, Standing, refit
+from pneuid.criticism.refitting.refitter import Refitter
 from pneuid.effects import CATALOGUE, LAW_STEPS
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.solution import Solution
@@ -49,7 +49,7 @@ def test_two_processes_find_what_one_finds_and_what_is_kept_is_not_made_again(tm
         assert one.values == other.values
         assert one.loose_cost == other.loose_cost
     for name in ("here", "there"):
-        monkeypatch.setattr("pneuid.criticism.refitter.refit", _forbidden)
+        monkeypatch.setattr("pneuid.criticism.refitting.refitter.refit", _forbidden)
         again = _all(Refitter(ORDER, store=Store(tmp_path / f"{name}.jsonl")), base)
         assert [fit.values for fit in again] == [fit.values for fit in here]
 

@@ -8,8 +8,8 @@ import time
 import numpy as np
 import pytest
 
-from pneuid.criticism.prediction import Prediction
-from pneuid.criticism.regions import find_regions
+from pneuid.criticism.comparison.regions import find_regions
+from pneuid.criticism.prediction.horizons import Prediction
 from pneuid.estimation.preparation import prepare
 from pneuid.plant import Plant
 from pneuid.recording import Recording

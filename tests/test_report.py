@@ -15,11 +15,11 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from pneuid.criticism.comparison import Comparison, EquationDefect, SignalError
-from pneuid.criticism.diagnosis import NOT_SHOWN, NOTHING_MISSING, Candidate, Diagnosis, Unknown
-from pneuid.criticism.ladder import Rung
-from pneuid.criticism.prediction import Prediction
-from pneuid.criticism.regions import Region
+from pneuid.criticism.comparison.comparison import Comparison, EquationDefect, SignalError
+from pneuid.criticism.comparison.ladder import Rung
+from pneuid.criticism.comparison.regions import Region
+from pneuid.criticism.decision.diagnosis import NOT_SHOWN, NOTHING_MISSING, Candidate, Diagnosis, Unknown
+from pneuid.criticism.prediction.horizons import Prediction
 from pneuid.estimation.preparation import data_ranges, prepare
 from pneuid.model import DataFile, FitSummary, Model, nominal_model
 from pneuid.plant import Plant

@@ -10,9 +10,9 @@ import pytest
 from helpers import rig
 from trials import FIRST, score, stub
 
-from pneuid.criticism import refits, restarts
-from pneuid.criticism.refits import Asked, Standing
-from pneuid.criticism.screening import Score
+from pneuid.criticism.refitting import refits, restarts
+from pneuid.criticism.refitting.refits import Asked, Standing
+from pneuid.criticism.screening.scores import Score
 from pneuid.effects import CATALOGUE, effects_by_name
 from pneuid.estimation.shooting import TIGHT
 from pneuid.plant import Plant

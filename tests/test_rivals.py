@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from trials import FIRST, score, stub
 
-from pneuid.criticism.rivals import LED, alike, contains, led
+from pneuid.criticism.decision.rivals import LED, alike, contains, led
 
 
 def judged(small: float, spread: float) -> SimpleNamespace:

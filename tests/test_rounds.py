@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from trials import ALONE, FIRST, Counting, score, stub
 
-from pneuid.criticism import rounds
-from pneuid.criticism.noise_floor import NoiseFloor
-from pneuid.criticism.screening import Score
-from pneuid.criticism.trial import Judge, Trial
+from pneuid.criticism.decision import rounds
+from pneuid.criticism.prediction.noise_floor import NoiseFloor
+from pneuid.criticism.refitting.trial import Judge, Trial
+from pneuid.criticism.screening.scores import Score
 from pneuid.effect import Parameter
 from pneuid.effects import LAW_STEPS
 from pneuid.estimation.shooting import Scaling
@@ -140,8 +140,8 @@ def test_a_weak_amplitude_in_a_wide_range_is_not_on_its_bound():
 def test_the_floor_is_that_of_the_best_model_and_never_rises(monkeypatch):
     floors = ({"x": 2.0}, {"x": 3.0})
     made = [NoiseFloor(dict(one), {"x": 0.1}) for one in floors]
-    monkeypatch.setattr("pneuid.criticism.trial.noise_floors", lambda *_: made)
-    monkeypatch.setattr("pneuid.criticism.trial.Frozen.of", lambda fit: fit)
+    monkeypatch.setattr("pneuid.criticism.refitting.trial.noise_floors", lambda *_: made)
+    monkeypatch.setattr("pneuid.criticism.refitting.trial.Frozen.of", lambda fit: fit)
     judge = Judge((), *(NoiseFloor({"x": value}, {"x": 0.1}) for value in (4.0, 1.0)))
     better = judge.again(stub(30.0, 1.0), FIRST)
     assert (better.floor.value, better.usual.value) == ({"x": 2.0}, {"x": 1.0})

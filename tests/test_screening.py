@@ -13,13 +13,13 @@ import scipy.sparse as sp
 from helpers import base_fit, held_runs, rig, scores, values_of
 from scipy.sparse.linalg import spsolve
 
-from pneuid.criticism import screening
-from pneuid.criticism.decision import Verdict, diagnose
-from pneuid.criticism.defect_shapes import defect_shapes
-from pneuid.criticism.frozen import Frozen
-from pneuid.criticism.noise_floor import noise_floor
-from pneuid.criticism.prediction import Prediction, predict, rmse, typical
-from pneuid.criticism.screening import Batch, Change, Fitted, Score, _rolled_out, screen, screened
+from pneuid.criticism.decision.verdict import Verdict, diagnose
+from pneuid.criticism.prediction.frozen import Frozen
+from pneuid.criticism.prediction.horizons import Prediction, predict, rmse, typical
+from pneuid.criticism.prediction.noise_floor import noise_floor
+from pneuid.criticism.screening import scores as module
+from pneuid.criticism.screening.defect_shapes import defect_shapes
+from pneuid.criticism.screening.scores import Batch, Change, Fitted, Score, _rolled_out, screen, screened
 from pneuid.effects import CATALOGUE, effects_by_name
 from pneuid.estimation.assembly import relaxed_system
 from pneuid.estimation.first_guess import first_nodes
@@ -356,9 +356,9 @@ def test_what_promises_far_less_than_another_is_looked_at_with_other_shapes(long
     effects = [CATALOGUE["friction_lag"], CATALOGUE["end_cushion"]]
     batch = SimpleNamespace(chosen=effects, amplitudes=[], of=lambda _: [], nodes=None, plant=Plant(rig(), "lugre", effects))
     batch.followed = lambda moved: moved
-    monkeypatch.setattr(screening, "_Columns", Promising)
-    monkeypatch.setattr(screening, "Batch", lambda *_: batch)
-    monkeypatch.setattr(screening, "batches", lambda *_: [effects])
+    monkeypatch.setattr(module, "_Columns", Promising)
+    monkeypatch.setattr(module, "Batch", lambda *_: batch)
+    monkeypatch.setattr(module, "batches", lambda *_: [effects])
     lag, cushion = screened(SimpleNamespace(fit=SimpleNamespace(plant=None)), effects, [])
     assert not lag.shapes and lag.drop == 8_000.0
     assert cushion.drop == (short if start == "short" else long)

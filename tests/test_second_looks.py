@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import pytest
 from trials import FIRST, Counting, score, stub
 
-from pneuid.criticism import rounds
-from pneuid.criticism.jumps import Jump
-from pneuid.criticism.screening import Score
-from pneuid.criticism.trial import Trial
+from pneuid.criticism.decision import rounds
+from pneuid.criticism.refitting.trial import Trial
+from pneuid.criticism.screening.jumps import Jump
+from pneuid.criticism.screening.scores import Score
 from pneuid.effects import CATALOGUE
 
 

@@ -11,7 +11,7 @@ import helpers
 import numpy as np
 import pytest
 
-from pneuid.criticism import refits
+from pneuid.criticism.refitting import refits
 from pneuid.errors import UserError
 from pneuid.estimation import exact_end
 from pneuid.estimation import fit as fitting

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import pytest
 from trials import JUDGE, score, stub, walking
 
-from pneuid.criticism import together
-from pneuid.criticism.evidence import as_screened
-from pneuid.criticism.walk import Walk
+from pneuid.criticism.decision import together
+from pneuid.criticism.decision.evidence import as_screened
+from pneuid.criticism.decision.walk import Walk
 from pneuid.effects import CATALOGUE
 
 pytestmark = pytest.mark.usefixtures("amplitudes_inside")

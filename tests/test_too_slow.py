@@ -9,9 +9,9 @@ import pytest
 from helpers import base_fit
 from trials import JUDGE, stub
 
-from pneuid.criticism import decision
-from pneuid.criticism.too_slow import too_slow
-from pneuid.criticism.walk import Walk
+from pneuid.criticism.decision import verdict
+from pneuid.criticism.decision.too_slow import too_slow
+from pneuid.criticism.decision.walk import Walk
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import Fit
 
@@ -46,14 +46,14 @@ def test_a_stiffness_that_a_missing_effect_drives_up_does_not_count():
 @pytest.mark.parametrize("slow", [None, "140 Hz are too slow"])
 def test_slow_recordings_are_not_asked_for_what_acts_on_the_piston(slow, monkeypatch):
     known, base = [], stub(25.0, 14_000.0)
-    monkeypatch.setattr(decision, "too_slow", lambda _: slow)
-    monkeypatch.setattr(decision, "judge_of", lambda *_: SimpleNamespace(**vars(JUDGE), trial=lambda _: base, held=()))
-    monkeypatch.setattr(decision, "uncovered", lambda *_: [])
-    monkeypatch.setattr(decision, "loudest", lambda _: 3.0)
-    monkeypatch.setattr(decision, "_rest", lambda _: None)
+    monkeypatch.setattr(verdict, "too_slow", lambda _: slow)
+    monkeypatch.setattr(verdict, "judge_of", lambda *_: SimpleNamespace(**vars(JUDGE), trial=lambda _: base, held=()))
+    monkeypatch.setattr(verdict, "uncovered", lambda *_: [])
+    monkeypatch.setattr(verdict, "loudest", lambda _: 3.0)
+    monkeypatch.setattr(verdict, "_rest", lambda _: None)
     monkeypatch.setattr(Walk, "rung", lambda *_: None)
     monkeypatch.setattr(Walk, "step", lambda own: known.append(set(own.catalogue)) or False)
-    found = decision.diagnose(SimpleNamespace(plant=None, noise=None), [], CATALOGUE, SimpleNamespace()).diagnosis
+    found = verdict.diagnose(SimpleNamespace(plant=None, noise=None), [], CATALOGUE, SimpleNamespace()).diagnosis
     forces = {"gravity", "mounting_compliance", "friction_direction"}
     assert "leakage_internal" in known[0] and (known[0] & forces == (forces if slow is None else set()))
     assert found.verdict == ("unknown" if slow is None else "adequate")

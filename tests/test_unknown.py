@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from helpers import rig
 
-from pneuid.criticism.decision import Verdict
-from pneuid.criticism.diagnosis import Diagnosis, Unknown
-from pneuid.criticism.distil import _fitted, distilled
-from pneuid.criticism.frozen import Frozen
-from pneuid.criticism.function_search import Found, _with_second, judged, ranking, search
-from pneuid.criticism.ladder import Rung
-from pneuid.criticism.noise_floor import noise_floor
-from pneuid.criticism.probes import Probing
-from pneuid.criticism.uncovered import outside, uncovered
-from pneuid.criticism.unknown import _unknown, explained
+from pneuid.criticism.comparison.ladder import Rung
+from pneuid.criticism.decision.diagnosis import Diagnosis, Unknown
+from pneuid.criticism.decision.verdict import Verdict
+from pneuid.criticism.prediction.frozen import Frozen
+from pneuid.criticism.prediction.noise_floor import noise_floor
+from pneuid.criticism.prediction.uncovered import outside, uncovered
+from pneuid.criticism.unknown.distil import _fitted, distilled
+from pneuid.criticism.unknown.function_search import Found, _with_second, judged, ranking, search
+from pneuid.criticism.unknown.probes import Probing
+from pneuid.criticism.unknown.rest import _unknown, explained
 from pneuid.effects import CATALOGUE
 from pneuid.effects._formula import SHAPES
 from pneuid.effects._spline import Term, curve, spline
@@ -170,7 +170,7 @@ def _stood_in(effect: str, explains: float, alone: float, took: float, monkeypat
     names = tuple(effect.split())
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
     monkeypatch.setattr(
-        "pneuid.criticism.unknown.search", lambda *_: replace(named, before=100.0, after=1.0 + 99.0 * (1.0 - alone))
+        "pneuid.criticism.unknown.rest.search", lambda *_: replace(named, before=100.0, after=1.0 + 99.0 * (1.0 - alone))
     )
     rungs = [
         Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6)
@@ -196,10 +196,10 @@ def test_a_function_that_has_not_seen_what_is_held_out_takes_no_effects_place(be
     term, best = named.joint.terms[0], replace(base, plant=Plant(STAND, "lugre", [CATALOGUE["friction_position"]]))
     best = replace(best, relaxed=replace(base.relaxed, cost=base.relaxed.cost - took * named.gain))
     x = held.signals["x"]
-    monkeypatch.setattr("pneuid.criticism.uncovered.visited", lambda *_: (x.min(), np.quantile(x, 0.7)))
+    monkeypatch.setattr("pneuid.criticism.prediction.uncovered.visited", lambda *_: (x.min(), np.quantile(x, 0.7)))
     assert 0.15 < outside(base, term, [prepare(held, base.plant, base.noise)]) <= 0.3
     strange = replace(named, before=100.0, after=1.5, beyond=beyond)
-    monkeypatch.setattr("pneuid.criticism.unknown.search", lambda *_: strange)
+    monkeypatch.setattr("pneuid.criticism.unknown.rest.search", lambda *_: strange)
     rungs = [Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6) for effects, error in (((), 10.0), (("one",), 7.0))]
     diagnosis = Diagnosis("effect", ("friction_position",), (), Unknown("force", ("x",), 1.0, "N"))
     found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
@@ -211,7 +211,8 @@ def test_what_held_out_runs_ask_beyond_the_training_runs_is_said(monkeypatch):
     runs = [prepare(held, base.plant, base.noise)]
     assert uncovered(base, runs) == []
     slow = {"v": (-0.1, 0.1)}
-    monkeypatch.setattr("pneuid.criticism.uncovered.visited", lambda _runs, term, _fit: slow.get(term.signal, (0.0, 9e5)))
+    visited = "pneuid.criticism.prediction.uncovered.visited"
+    monkeypatch.setattr(visited, lambda _runs, term, _fit: slow.get(term.signal, (0.0, 9e5)))
     (words,) = uncovered(base, runs)
     assert words.endswith("% by v (-0.1 to 0.1 m/s in training)")
 
@@ -228,7 +229,7 @@ def test_what_explains_the_larger_part_beside_an_effect_makes_it_unknown(effect,
     best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE[effect]]))
     nothing = replace(named, before=100.0, after=90.0)
     found_rest = replace(named, before=1.0 + left, after=1.0 + left * (1.0 - of_the_rest))
-    monkeypatch.setattr("pneuid.criticism.unknown.search", lambda fit, *_: found_rest if fit is best else nothing)
+    monkeypatch.setattr("pneuid.criticism.unknown.rest.search", lambda fit, *_: found_rest if fit is best else nothing)
     rungs = [
         Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6)
         for effects, error in (((), 10.0), ((effect,), np.sqrt(1.0 + left)))
@@ -245,7 +246,7 @@ def test_what_explains_nearly_all_beside_an_effect_may_reach_a_little_beyond_the
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
     best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE["friction_position"]]))
     nothing, rest = replace(named, before=100.0, after=90.0), replace(named, before=41.0, after=1.8, beyond=beyond)
-    monkeypatch.setattr("pneuid.criticism.unknown.search", lambda fit, *_: rest if fit is best else nothing)
+    monkeypatch.setattr("pneuid.criticism.unknown.rest.search", lambda fit, *_: rest if fit is best else nothing)
     rungs = [Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6) for effects, error in (((), 10.0), (("one",), 6.4))]
     diagnosis = Diagnosis("effect", ("friction_position",), (), Unknown("force", ("x",), 1.0, "N"))
     found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
@@ -260,8 +261,8 @@ def test_a_form_that_explains_more_than_an_effect_in_its_place_is_shown(alone, n
     left = 99.0 * (1.0 - 0.78)
     in_place = replace(found, before=100.0, after=1.0 + 99.0 * (1.0 - alone))
     beside = replace(found, before=1.0 + left, after=10.0 * left, gain=0.0)
-    monkeypatch.setattr("pneuid.criticism.unknown.search", lambda fit, *_: beside if fit is best else in_place)
-    monkeypatch.setattr("pneuid.criticism.unknown.comparable_costs", lambda *_: [2.0, 1.0])
+    monkeypatch.setattr("pneuid.criticism.unknown.rest.search", lambda fit, *_: beside if fit is best else in_place)
+    monkeypatch.setattr("pneuid.criticism.unknown.rest.comparable_costs", lambda *_: [2.0, 1.0])
     rungs = [
         Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6)
         for effects, error in (((), 10.0), (("load_spring",), np.sqrt(1.0 + left)))
@@ -282,9 +283,9 @@ def test_what_the_training_runs_show_far_more_than_the_effect_named_is_missing_t
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
     best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE["friction_viscous_nonlinear"]]))
     seen = replace(named, before=3.7, after=10.0, gain=gain * base.relaxed_cost, beyond=0.14)
-    monkeypatch.setattr("pneuid.criticism.unknown.search", lambda *_: seen)
+    monkeypatch.setattr("pneuid.criticism.unknown.rest.search", lambda *_: seen)
     costs = base.relaxed_cost / (1.0 - brought), base.relaxed_cost
-    monkeypatch.setattr("pneuid.criticism.unknown.comparable_costs", lambda *_: list(costs))
+    monkeypatch.setattr("pneuid.criticism.unknown.rest.comparable_costs", lambda *_: list(costs))
     rungs = [Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6) for effects, error in (((), 2.6), (("one",), after))]
     diagnosis = Diagnosis("effect", ("friction_viscous_nonlinear",), (), Unknown("force", (), 1.0, "N"))
     found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
@@ -303,7 +304,7 @@ def test_what_the_runs_fitted_to_show_most_is_said_where_no_effect_is_named(gain
     lost = replace(named, before=3.7, after=10.0, gain=gain, beyond=0.14)
     every = replace(base) if together else None
     beside = replace(lost, gain=0.0)
-    monkeypatch.setattr("pneuid.criticism.unknown.search", lambda fit, *_: lost if fit is (every or base) else beside)
+    monkeypatch.setattr("pneuid.criticism.unknown.rest.search", lambda fit, *_: lost if fit is (every or base) else beside)
     diagnosis = Diagnosis("unknown", (), (), Unknown("force", (), 1.0, "N"))
     rungs = [Rung((), None, True, {}, {"F": 1.9}, {"F": 1.0}, 6)]
     found = explained(Verdict(diagnosis, base, base, rungs, every), [held]).diagnosis
@@ -341,7 +342,7 @@ def _judged(monkeypatch, ranked, costs, errors, before=100.0):
         return SimpleNamespace(terms=tuple(terms), cost=costs[tuple(terms)])
 
     probes = SimpleNamespace(start_cost=1000.0, fitted=fitted)
-    monkeypatch.setattr("pneuid.criticism.function_search._with_second", lambda _probing, _ranked, joint: joint)
+    monkeypatch.setattr("pneuid.criticism.unknown.function_search._with_second", lambda _probing, _ranked, joint: joint)
     best, after, ties = judged(probes, ranked, before, lambda joint: errors[joint.terms])  # type: ignore[arg-type]
     return best.terms, after, ties, asked
 
@@ -389,7 +390,7 @@ def test_a_second_term_must_help_held_out(monkeypatch, then, kept):
     costs = {ENCODER: 700.0, (*ENCODER, *VALVE): 500.0}
     errors = {ENCODER: 40.0, (*ENCODER, *VALVE): then}
     one = lambda terms: SimpleNamespace(terms=tuple(terms), cost=costs[tuple(terms)])  # noqa: E731
-    monkeypatch.setattr("pneuid.criticism.function_search._with_second", lambda *_: one((*ENCODER, *VALVE)))
+    monkeypatch.setattr("pneuid.criticism.unknown.function_search._with_second", lambda *_: one((*ENCODER, *VALVE)))
     probes = SimpleNamespace(start_cost=1000.0, fitted=one)
     best, after, _ = judged(probes, [(300.0, ENCODER)], 100.0, lambda joint: errors[joint.terms])  # type: ignore[arg-type]
     assert (best.terms, after) == (((*ENCODER, *VALVE), 30.0) if kept else (ENCODER, 40.0))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from helpers import rig
 
-from pneuid.criticism.frozen import Frozen
-from pneuid.criticism.prediction import predict, typical
-from pneuid.criticism.trial import judge_of
-from pneuid.criticism.unseen import unseen
+from pneuid.criticism.prediction.frozen import Frozen
+from pneuid.criticism.prediction.horizons import predict, typical
+from pneuid.criticism.prediction.unseen import unseen
+from pneuid.criticism.refitting.trial import judge_of
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import Fit, fit
 from pneuid.estimation.preparation import prepare

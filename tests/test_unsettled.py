@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from helpers import rig
 
-from pneuid.criticism.all_runs import SHOWN_DROP
-from pneuid.criticism.decision import diagnose
-from pneuid.criticism.screening import Score, screen
-from pneuid.criticism.trial import judge_of
-from pneuid.criticism.unsettled import unsettled
-from pneuid.criticism.window_starts import Starts, stretched
+from pneuid.criticism.decision.all_runs import SHOWN_DROP
+from pneuid.criticism.decision.verdict import diagnose
+from pneuid.criticism.prediction.unsettled import unsettled
+from pneuid.criticism.prediction.window_starts import Starts, stretched
+from pneuid.criticism.refitting.trial import judge_of
+from pneuid.criticism.screening.scores import Score, screen
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.fit import Fit, fit
 from pneuid.estimation.preparation import prepare

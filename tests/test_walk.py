@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import pytest
 from trials import FIRST, JUDGE, score, stub, walking
 
-from pneuid.criticism import decision, leftover, walk
-from pneuid.criticism.decision import _verdict
-from pneuid.criticism.diagnosis import Candidate, Diagnosis, Unknown
-from pneuid.criticism.rivals import better_without
-from pneuid.criticism.screening import Score
-from pneuid.criticism.walk import Walk
+from pneuid.criticism.decision import leftover, verdict, walk
+from pneuid.criticism.decision.diagnosis import Candidate, Diagnosis, Unknown
+from pneuid.criticism.decision.rivals import better_without
+from pneuid.criticism.decision.verdict import _verdict
+from pneuid.criticism.decision.walk import Walk
+from pneuid.criticism.screening.scores import Score
 from pneuid.effects import CATALOGUE, LAW_STEPS
 from pneuid.report.summary import verdict_lines
 
@@ -208,7 +208,7 @@ def test_a_spring_that_is_no_better_than_a_constant_force_is_one(constant, named
     ("error", "verdict", "rest"), [(1.1, "ambiguous", False), (30.0, "ambiguous", True), (120.0, "unknown", True)]
 )
 def test_effects_that_cannot_be_told_apart_and_explain_little_stand_beside_something_larger(error, verdict, rest, monkeypatch):
-    monkeypatch.setattr(decision, "_rest", lambda _: Unknown("flow_1", ("p1",), 1.0, "kg/s"))
+    monkeypatch.setattr("pneuid.criticism.decision.verdict._rest", lambda _: Unknown("flow_1", ("p1",), 1.0, "kg/s"))
     at_end = walking(current=stub(error, 40_000.0))
     at_end.named, at_end.ambiguous = ["valve_asymmetry"], {"valve_asymmetry": ("heat_transfer",)}
     found = _verdict(at_end)
@@ -359,11 +359,11 @@ def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(
     monkeypatch.setattr(walk, "screen", lambda *_: [lead])
     monkeypatch.setattr(walk, "better_without", lambda *_: smaller)
     monkeypatch.setattr(walk, "joined", lambda *_: None)
-    monkeypatch.setattr(decision, "judge_of", lambda *_: judge)
-    monkeypatch.setattr(decision, "too_slow", lambda _: None)
-    monkeypatch.setattr(decision, "uncovered", lambda *_: [])
-    monkeypatch.setattr(decision, "_verdict", lambda ended, _: Diagnosis("effect", tuple(ended.named), ()))
-    found = decision.diagnose(base, [], CATALOGUE, refitter=SimpleNamespace())
+    monkeypatch.setattr(verdict, "judge_of", lambda *_: judge)
+    monkeypatch.setattr(verdict, "too_slow", lambda _: None)
+    monkeypatch.setattr(verdict, "uncovered", lambda *_: [])
+    monkeypatch.setattr(verdict, "_verdict", lambda ended, _: Diagnosis("effect", tuple(ended.named), ()))
+    found = verdict.diagnose(base, [], CATALOGUE, refitter=SimpleNamespace())
     assert turns[1] is (chosen if named else smaller)
     assert found.base is smaller.fit
     assert found.diagnosis.effects == tuple(named)

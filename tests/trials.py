@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from pneuid.criticism.refits import Asked
-from pneuid.criticism.screening import Score
-from pneuid.criticism.trial import Trial
-from pneuid.criticism.walk import Walk
+from pneuid.criticism.decision.walk import Walk
+from pneuid.criticism.refitting.refits import Asked
+from pneuid.criticism.refitting.trial import Trial
+from pneuid.criticism.screening.scores import Score
 from pneuid.effects import CATALOGUE
 
 JUDGE = SimpleNamespace(

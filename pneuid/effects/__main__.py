@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Column, Table
 
-from pneuid.criticism.signature import signature
+from pneuid.criticism.screening.signature import signature
 from pneuid.effect import Effect
 from pneuid.effects import CATALOGUE, GROUPS, effects_by_name, group_of
 from pneuid.errors import UserError

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from pneuid.criticism.diagnosis import Candidate, Diagnosis
-from pneuid.criticism.ladder import Rung
+from pneuid.criticism.comparison.ladder import Rung
+from pneuid.criticism.decision.diagnosis import Candidate, Diagnosis
 from pneuid.report import style
 from pneuid.report.quantities import number, percent, probability, times
 from pneuid.report.style import new_figure, plain, plain_log, quiet_grid, styled

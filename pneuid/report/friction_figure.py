@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pneuid.criticism.comparison import Comparison
+from pneuid.criticism.comparison.comparison import Comparison
 from pneuid.estimation.first_guess import resisting_force
 from pneuid.estimation.preparation import Run
 from pneuid.model import Model

@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from scipy.interpolate import make_smoothing_spline
 from scipy.signal import find_peaks
 
-from pneuid.criticism.comparison import Comparison
-from pneuid.criticism.prediction import Prediction
+from pneuid.criticism.comparison.comparison import Comparison
+from pneuid.criticism.prediction.horizons import Prediction
 from pneuid.estimation.preparation import Run
 from pneuid.model import Model
 from pneuid.physics.motion import pressure_force

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from pneuid.criticism.comparison import Comparison
-from pneuid.criticism.diagnosis import Diagnosis
-from pneuid.criticism.ladder import Rung
+from pneuid.criticism.comparison.comparison import Comparison
+from pneuid.criticism.comparison.ladder import Rung
+from pneuid.criticism.decision.diagnosis import Diagnosis
 from pneuid.estimation.profile import Profile
 from pneuid.report import sections
 from pneuid.report.html import Section, write_report

@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from pneuid.criticism.comparison import Comparison, SignalError
-from pneuid.criticism.diagnosis import NOT_SHOWN, NOTHING_MISSING, Candidate, Diagnosis
-from pneuid.criticism.ladder import Rung
+from pneuid.criticism.comparison.comparison import Comparison, SignalError
+from pneuid.criticism.comparison.ladder import Rung
+from pneuid.criticism.decision.diagnosis import NOT_SHOWN, NOTHING_MISSING, Candidate, Diagnosis
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.curves import Curve
 from pneuid.model import Estimate, Model

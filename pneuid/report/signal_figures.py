@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from pneuid.criticism.comparison import Comparison, SignalError
-from pneuid.criticism.prediction import AHEAD_SECONDS, Prediction
+from pneuid.criticism.comparison.comparison import Comparison, SignalError
+from pneuid.criticism.prediction.horizons import AHEAD_SECONDS, Prediction
 from pneuid.plant import Plant
 from pneuid.report import style
 from pneuid.report.quantities import number, times

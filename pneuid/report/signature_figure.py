@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pneuid.criticism.signature import Signature
+from pneuid.criticism.screening.signature import Signature
 from pneuid.report import style
 from pneuid.report.signal_units import axis_label, error_unit, shown
 from pneuid.report.style import new_figure, plain, styled, ticks

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pneuid.criticism.comparison import Comparison, SignalError
-from pneuid.criticism.diagnosis import NOT_SHOWN, NOTHING_MISSING, Candidate, Diagnosis
+from pneuid.criticism.comparison.comparison import Comparison, SignalError
+from pneuid.criticism.decision.diagnosis import NOT_SHOWN, NOTHING_MISSING, Candidate, Diagnosis
 from pneuid.signals import SIGNALS
 from pneuid.units import to_display
 

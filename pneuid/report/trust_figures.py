@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from pneuid.criticism.comparison import Comparison, Spread
-from pneuid.criticism.trust import NORMAL_95, STRONG, trust
+from pneuid.criticism.comparison.comparison import Comparison, Spread
+from pneuid.criticism.comparison.trust import NORMAL_95, STRONG, trust
 from pneuid.model import Model
 from pneuid.report import style
 from pneuid.report.quantities import fixed, handy

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pneuid.criticism.comparison import Comparison
-from pneuid.criticism.trust import recordings_wanted, strong_pairs, trust
+from pneuid.criticism.comparison.comparison import Comparison
+from pneuid.criticism.comparison.trust import recordings_wanted, strong_pairs, trust
 from pneuid.estimation.profile import Profile
 from pneuid.report.html import Items, Paragraph, Part, Picture, Section, Table
 from pneuid.report.loop_figure import loops

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from pneuid import api
-from pneuid.criticism.comparison import Comparison
-from pneuid.criticism.ladder import Rung, from_json, rung_of, to_json
-from pneuid.criticism.prediction import Prediction
-from pneuid.criticism.signature import signature
+from pneuid.criticism.comparison.comparison import Comparison
+from pneuid.criticism.comparison.ladder import Rung, from_json, rung_of, to_json
+from pneuid.criticism.prediction.horizons import Prediction
+from pneuid.criticism.screening.signature import signature
 from pneuid.effects import CATALOGUE
 from pneuid.errors import UserError
 from pneuid.model import file_sha256

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pneuid.criticism.defect_shapes import DefectShape, defect_shapes
+from pneuid.criticism.screening.defect_shapes import DefectShape, defect_shapes
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.curves import Curve
 from pneuid.estimation.fit import Fit

@@ -48,7 +48,7 @@ def build(page: Any) -> None:
 def _diagnosis(page: Any, folder: str, found: Mapping[str, Any], running: bool) -> None:
     words, kind = _VERDICTS.get(found["verdict"], (found["verdict"], "note"))
     if found["verdict"] == "adequate" and words.rstrip(".").lower() not in found.get("sentences", ()):
-        # the words of pneuid.criticism.diagnosis, which brings more than the first page can wait for
+        # the words of pneuid.criticism.decision.diagnosis, which brings more than the first page can wait for
         words, kind = "These runs do not show that an effect is missing.", "warning"
     beside = found.get("beside", ())
     rivals = [name for name in found["effects"] if name not in beside]

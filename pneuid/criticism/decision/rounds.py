@@ -1,0 +1,291 @@
+"""One round of the diagnosis: which effects are refitted, from where and in which order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pneuid.criticism.comparison.defects import ACTING_ON, equation_defects
+from pneuid.criticism.decision.acceptance import CLEAR_DROP, LEAST_DROP, LEAST_PART, LEAST_SHARE, WITHIN, Tried, costs
+from pneuid.criticism.refitting.refits import Asked
+from pneuid.criticism.refitting.refitter import Refitter
+from pneuid.criticism.refitting.restarts import (
+    NEXT_TO_NOTHING,
+    Say,
+    best_end,
+    follows,
+    from_standing,
+    large_starts,
+    read_anew,
+    typical_start,
+)
+from pneuid.criticism.refitting.trial import Judge, Trial
+from pneuid.criticism.screening.jumps import jumped
+from pneuid.criticism.screening.scores import Score
+from pneuid.estimation.fit import Fit
+
+REFITS, LATER_REFITS = 3, 2
+"""Leading effects refitted in the first round and in a later one, the leader's group mates besides."""
+
+WORTH_REFITTING = 0.15
+"""Share of the leading effect's predicted drop below which another is not refitted."""
+
+WORTH_ADDING = 0.01
+"""Predicted relative drop of the cost below which a later effect is not refitted: the right effect in the catalogue's form
+leaves up to that much to others where the rig's own form differs."""
+
+CLOSE = 0.5
+"""Share of the leading effect's predicted drop above which another is refitted although the leading one explains all."""
+
+
+SECOND_LOOKS = 6
+"""Effects on the loudest balance refitted where the leading ones do not help: a linear prediction misses what acts in jerks."""
+
+ALIKE = 0.95
+"""Share of the chosen effect's predicted drop from which another's break-away is read anew as well before the choice."""
+
+FAR = 0.25
+"""Share of the excess left by the best of the leading effects above which others get a second look as well: a lag or a
+memory shows little of itself in a linear prediction from zero, and its place is taken by what imitates it."""
+
+SMALL = 0.5
+"""Share of a typical amplitude below which a refit has not been where a second look starts."""
+
+OVERTAKES, STEPS = 1.5, 2
+"""Times the leading prediction that a step of a typical size must promise for its effect to be refitted from there although it
+promises little at zero, and how many at most: a silencer is not felt while the edge before it stays choked."""
+
+
+def refitted(
+    current: Trial, first: Trial, scores: Sequence[Score], judge: Judge, refitter: Refitter, say: Say,
+    least: float = LEAST_DROP,
+) -> Tried:  # fmt: skip
+    """Trials with the leading effects and their group mates added to the current model, best predicted first.
+
+    ``first`` is the base model's trial; ``least`` the predicted drop below which an effect is not refitted in the first round.
+    What comes after the runner-up is spared where one before explains all there is.
+    """
+    newly = current.added is None
+    chosen = list(_shortlist(scores, REFITS if newly else LATER_REFITS, _worthy(current, first, least)))
+    if not chosen:
+        return []
+    leader = scores[0]
+    related = {leader.effect.name, *leader.group}
+    servo = current.fit.plant.servo
+    ways = {one.effect.name: _ways(one, one is leader, newly and one.effect.name in related, servo) for one in chosen}
+    makes = _by_effect(refitter.each(current.fit, [asked for each in ways.values() for asked in each]))
+    tried: Tried = []
+    for score in chosen:
+        explained = any(all_explained(trial, current, judge) for _, trial in tried)
+        minor = score.effect.name not in related and score.drop < CLOSE * leader.drop
+        if minor and len(tried) > 1 and explained:
+            continue
+        each = makes[score.effect.name][: 1 if explained else None]
+        ends = (_tried(current, score, make, judge, say) for make in each)
+        trial = from_standing(score, _first_that_explains(ends, current, judge), current, judge, refitter, say)
+        if not newly and score.gain > CLEAR_DROP and score.effect.equation in ACTING_ON["force"]:
+            trial = _with_break_away(trial, current, score, judge, refitter, say)
+        tried.append((score, trial))
+    return tried
+
+
+def _worthy(current: Trial, first: Trial, least: float) -> float:
+    """Predicted drop below which an effect is not refitted: ``least``, or beside others a part of what these brought."""
+    if current.added is None:
+        return least
+    before, now = costs(first, current)
+    cost = current.fit.relaxed_cost
+    return max(least, min(LEAST_PART * (before - now), CLEAR_DROP * cost), WORTH_ADDING * cost)
+
+
+def overtaking(
+    current: Trial, first: Trial, scores: Sequence[Score], tried: Tried, judge: Judge, refitter: Refitter, say: Say
+) -> Tried:
+    """Those tried, and trials with effects that promise little at zero but most of all at a step of a typical size.
+
+    Beside others only where these leave more than noise, and for as much as another one must promise.
+    """
+    noise_alone = current.added is not None and current.error - 1.0 < judge.small
+    if not scores or noise_alone or any(all_explained(trial, current, judge) for _, trial in tried):
+        return tried
+    known = {score.effect.name for score, _ in tried}
+    typical = {one.effect.name: typical_start(current, one) for one in scores if one.effect.name not in known}
+    steps = jumped(current.fit, scores, typical, refitter.order)
+    asked_for = max(OVERTAKES * scores[0].drop, _worthy(current, first, 0.0))
+    ahead = [one for one in scores if one.effect.name in steps and steps[one.effect.name].drop > asked_for]
+    ahead = sorted(ahead, key=lambda one: -steps[one.effect.name].drop)[:STEPS]
+    asked = [Asked(one.effect, steps[one.effect.name].start, one.gain, way=1.0) for one in ahead]
+    makes = refitter.each(current.fit, asked)
+    promised = [replace(one, drop=steps[one.effect.name].drop) for one in ahead]
+    return [*tried, *((one, _tried(current, one, make, judge, say)) for one, (_, make) in zip(promised, makes, strict=True))]
+
+
+def _with_break_away(trial: Trial, current: Trial, score: Score, judge: Judge, refitter: Refitter, say: Say) -> Trial:
+    """The trial, or where it does not help one that reads break-away anew, which so far excused what the effect does."""
+    if _helps(trial, current):
+        return trial
+    again = Asked(score.effect, score.whole_start, score.gain, way=1.0, anew=True)
+    (_, make), *_ = refitter.each(current.fit, [again])
+    other = _tried(current, score, make, judge, say)
+    return other if other.error < trial.error else trial
+
+
+def _helps(trial: Trial, current: Trial) -> bool:
+    """Whether a refit predicts better at all."""
+    return trial.error < current.error - LEAST_SHARE * (current.error - 1.0)
+
+
+def second_looks(
+    current: Trial, scores: Sequence[Score], tried: Tried, judge: Judge, refitter: Refitter, say: Say
+) -> Tried:
+    """Those tried, and trials with others from typical amplitudes, until one explains all: those that act on the loudest
+    balance, and those that promise as much as was worth a refit before others led.
+
+    Of those that promise most, at zero or at a step of a typical size or of a part of it, from where that step leads, the ones
+    with a state of their own come last: their refits take ten times as long, and they start from several sizes.
+    An effect whose refit set out far below a typical amplitude, or that promised much and did not help, is tried again, and the
+    better trial kept.
+    """
+    loudest = max(equation_defects(current.fit), key=lambda item: item.rms / max(item.expected_rms, 1e-12), default=None)
+    acting = ACTING_ON[loudest.equation if loudest else "force"]
+    known = {score.effect.name: trial for score, trial in tried}
+    worth = WORTH_REFITTING * scores[0].drop if scores else 0.0
+    open_ones = [
+        score for score in scores
+        if (score.effect.equation in acting and (
+            score.effect.name not in known or _set_out_small(current, score)
+            or ((score.gain > CLEAR_DROP or large_starts(current, score)) and not _helps(known[score.effect.name], current))
+        )) or (score.effect.name not in known and score.drop > worth)
+    ]  # fmt: skip
+    if not open_ones:
+        return list(tried)
+    say(f"these leave much; a second look at what acts on {', '.join(acting)}, or promises much")
+    typical = {score.effect.name: typical_start(current, score) for score in open_ones}
+    jumps = jumped(current.fit, scores, typical, refitter.order)
+    left = sorted(open_ones, key=lambda score: -max(score.drop, jumps[score.effect.name].drop))[:SECOND_LOOKS]
+    starts = {score.effect.name: [jumps[score.effect.name].start, *large_starts(current, score)] for score in left}
+    left.sort(key=lambda score: len(starts[score.effect.name]) > 1)
+    servo = current.fit.plant.servo
+    ways = (False, True) if servo else (True,)
+    asked = [
+        Asked(score.effect, start, score.gain, not servo, 1.0, anew)
+        for score in left for start in starts[score.effect.name] for anew in ways
+    ]  # fmt: skip
+    looked = {score.effect.name: (score, trial) for score, trial in tried}
+    makes = _by_effect(refitter.each(current.fit, asked))
+    for score in left:
+        name = score.effect.name
+        ends = (_tried(current, score, make, judge, say) for make in makes[name])
+        trial = _first_that_explains(ends, current, judge)
+        if _half_way(trial, current):
+            trial = read_anew(trial, judge, refitter, say)
+        if name not in known or trial.error < known[name].error:
+            looked[name] = score, trial
+        if all_explained(trial, current, judge):
+            break  # nothing is left for the others to explain
+    return list(looked.values())
+
+
+def _ways(score: Score, leads: bool, thorough: bool, servo: bool) -> list[Asked]:
+    """How an effect is refitted: from what stood; where it shall be thorough from break-away read anew as well, and the one
+    that ``leads``, on a servo rig, from the data's own guess, from which a thorough refit on a bench starts in any case."""
+    first = Asked(score.effect, score.whole_start, score.gain, thorough)
+    if not thorough or score.effect.richer_law:
+        return [first]
+    anew = Asked(score.effect, score.whole_start, score.gain, thorough=servo, way=1.0, anew=True)
+    return [first, anew, *([Asked(score.effect, score.whole_start, score.gain, cold=True)] if leads and servo else [])]
+
+
+def _by_effect(each: Iterable[tuple[Asked, Callable[[], Fit]]]) -> dict[str, list[Callable[[], Fit]]]:
+    """What makes the fits, by the effects that they add."""
+    makes: dict[str, list[Callable[[], Fit]]] = {}
+    for one, make in each:
+        makes.setdefault(one.effect.name, []).append(make)
+    return makes
+
+
+def _first_that_explains(ends: Iterator[Trial], current: Trial, judge: Judge) -> Trial:
+    """The first of the ends of one model that explains all, else the best of them."""
+    found = []
+    for trial in ends:
+        found.append(trial)
+        if all_explained(trial, current, judge):
+            return trial
+    return best_end(found, judge)
+
+
+def promised_alike(chosen: Score, tried: Tried) -> Tried:
+    """The trials of effects of which screening expects as much as of the chosen one; without the same care they seem worse.
+
+    None where it expects nothing of that one, which a second look has found.
+    """
+    if chosen.drop < LEAST_DROP:
+        return []
+    return [pair for pair in tried if pair[0] is not chosen and pair[0].drop > ALIKE * chosen.drop]
+
+
+def leaves_much(chosen: tuple[Score, Trial] | None, current: Trial) -> bool:
+    """Whether the best of the effects refitted so far, if any, leaves much of the excess."""
+    return chosen is None or chosen[1].error - 1.0 > FAR * (current.error - 1.0)
+
+
+def leaves_far(chosen: tuple[Score, Trial] | None, current: Trial) -> bool:
+    """Whether the best so far leaves predictions far off, and more than next to nothing of the excess.
+
+    What is like the right effect explains most, such as a tube's resistance in place of a silencer's.
+    """
+    if chosen is None or follows(chosen[1]):
+        return False
+    return chosen[1].error > WITHIN**2 and chosen[1].error - 1.0 > NEXT_TO_NOTHING * (current.error - 1.0)
+
+
+def same_floor(judge: Judge, current: Trial, first: Trial, tried: Tried) -> tuple[Judge, Trial, Trial, Tried]:
+    """Everything by the floor of the best model so far."""
+    if not tried:
+        return judge, current, first, tried
+    judge = judge.again(min((trial for _, trial in tried), key=lambda trial: trial.error), current)
+    again = [(score, judge.judged(trial)) for score, trial in tried]
+    return judge, judge.judged(current), judge.judged(first), again
+
+
+def _shortlist(scores: Sequence[Score], most: int, least: float) -> Iterator[Score]:
+    """The leading effects whose predicted drop is above ``least``, then the group mates of the first."""
+    least = max(least, WORTH_REFITTING * scores[0].drop) if scores else least
+    chosen = [score for score in scores if score.drop > least][:most]
+    yield from chosen
+    mates = {name for score in chosen[:1] for name in score.group} - {score.effect.name for score in chosen}
+    yield from (score for score in scores if score.effect.name in mates and score.drop > LEAST_DROP)
+
+
+def _tried(current: Trial, score: Score, make: Callable[[], Fit], judge: Judge, say: Say) -> Trial:
+    name = score.effect.name
+    say(f"refitting with {name}")
+    trial = judge.trial(make(), name)
+    say(f"with {name}: held-out error {np.sqrt(current.error):.2f} -> {np.sqrt(trial.error):.2f} floors")
+    return trial
+
+
+def all_explained(trial: Trial, current: Trial, judge: Judge) -> bool:
+    """Whether a trial leaves next to nothing of what the standing model left."""
+    return trial.error - 1.0 < max(judge.small, NEXT_TO_NOTHING * (current.error - 1.0))
+
+
+def _set_out_small(current: Trial, score: Score) -> bool:
+    """Whether every amplitude that screening suggests is far below a typical one."""
+    typical = typical_start(current, score)
+    moves = [
+        (score.start.get(item.name, item.off) - item.off, typical[item.name] - item.off)
+        for item in score.effect.parameters(current.fit.plant.rig, current.fit.plant.law)
+        if item.off is not None
+    ]
+    return all(abs(screened) < SMALL * abs(usual) for screened, usual in moves)
+
+
+def _half_way(trial: Trial, current: Trial) -> bool:
+    """Whether a refit predicts better but costs more on the training runs: most of its sticks still break away elsewhere."""
+    now, after = costs(current, trial)
+    return _helps(trial, current) and after > now - LEAST_DROP
+
+

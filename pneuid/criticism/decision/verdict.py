@@ -1,0 +1,213 @@
+"""The decision: the walk from model to model on held-out runs, and the verdict on where it ends.
+
+Forward: the effect that lowers the held-out error most is accepted when the fall is more than noise alone would give, at
+least a tenth of the excess over the noise floor, and its parameters are inside their bounds (`rounds`, `walk`). Backward: an
+accepted effect that later turns out to be unneeded is dropped. What is left over at the end decides between ``effect`` and
+``unknown``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pneuid.criticism.comparison.defects import ACTING_ON, equation_defects, node_jumps
+from pneuid.criticism.comparison.ladder import Rung
+from pneuid.criticism.decision.acceptance import LEAST_DROP, NEARLY_NOISE
+from pneuid.criticism.decision.diagnosis import NOTHING_MISSING, Candidate, Diagnosis, Unknown
+from pneuid.criticism.decision.leftover import DEFECT_RATIO, explained_away, explained_share, loudest
+from pneuid.criticism.decision.rounds import Say
+from pneuid.criticism.decision.too_slow import too_slow
+from pneuid.criticism.decision.walk import MINOR, Walk
+from pneuid.criticism.prediction.uncovered import uncovered
+from pneuid.criticism.refitting.refitter import Refitter
+from pneuid.criticism.refitting.trial import Trial, judge_of
+from pneuid.effect import Effect
+from pneuid.estimation.fit import Fit
+from pneuid.estimation.preparation import prepare
+from pneuid.recording import Recording
+
+MOSTLY = 0.9
+"""Share of the excess explained, below which a rest is reported; below ``MINOR`` the rest, then more, is the verdict."""
+
+STILL_FAR = 3.0
+"""Held-out error in floors from which a rest is reported however much was explained, and a fit without an exact end is not
+called adequate."""
+
+MOST_ROUNDS = 4
+"""Rounds of the walk, each of which accepts an effect, two at once, or a better start."""
+
+OPEN = (
+    "the held-out runs ask for what the training runs leave open of the parameters, and that explains the error; "
+    "train on runs that cover the speeds and pressures of the held-out ones"
+)
+
+AT_BREAK_AWAY = (
+    "no balance leaves a defect above noise, but predictions are far off at break-away and no exact fit stands behind the "
+    "model: something may be missing there, or this fit is not the best; the first of the ranking is what to try"
+)
+
+CANNOT_FOLLOW = "whatever it starts from, a fit of the model cannot follow the training runs: something is missing"
+
+WORST_TENTH = (
+    "{}: {:.1f} % of the base model's held-out excess explained without the worst tenth of the windows; those are "
+    "predicted worse than before, look at them in compare: mostly a piston that breaks away, or does not, at another time"
+)
+
+SHOWN = (
+    "the training runs leave more than noise themselves, and {} is what shows most in all runs; "
+    "hold out a run like the training runs to judge it"
+)
+
+
+@dataclass
+class Verdict:
+    """What ``diagnose`` returns: the diagnosis, the model it ends with, the base that it was measured against, and the rungs
+    climbed or rejected; ``lacking`` is the model fitted to all runs where nothing was named although these show something."""
+
+    diagnosis: Diagnosis
+    best: Fit
+    base: Fit
+    rungs: list[Rung] = field(default_factory=list)
+    lacking: Fit | None = None
+
+
+def diagnose(
+    base: Fit,
+    hold_out: Sequence[Recording],
+    catalogue: dict[str, Effect],
+    refitter: Refitter | None = None,
+    say: Say = lambda _: None,
+) -> Verdict:
+    """Which effects of ``catalogue`` the ``base`` fit lacks, judged on ``hold_out`` runs not used in the fit.
+
+    ``refitter`` makes the refits, in this process if left out; ``say`` receives one sentence per step. The catalogue's order is
+    the order of maps at shared ports.
+    """
+    judge = judge_of(base, [prepare(run, base.plant, base.noise) for run in hold_out])
+    current, slow = judge.trial(base), too_slow(base)
+    judged = {name: one for name, one in catalogue.items() if slow is None or one.equation not in ACTING_ON["force"]}
+    walk = Walk(judge, current, current, judged, refitter or Refitter(list(catalogue)), say, slow=slow is not None)
+    walk.moved += [] if slow is None else [slow]
+    walk.rungs.append(walk.rung(current, True))
+    climb(walk)
+    found = _verdict(walk, slow is not None)
+    beyond = [] if found.verdict == "adequate" else uncovered(base, judge.held)
+    found = replace(found, sentences=(*found.sentences, *walk.moved, *beyond), by_all_runs=walk.pooled)
+    lacking = None if walk.lacking is None else walk.lacking.fit
+    return Verdict(found, walk.current.fit, walk.first.fit, walk.rungs, lacking)
+
+
+def climb(walk: Walk) -> None:
+    """Rounds of the walk until one gains nothing and nothing is dropped from what they led to.
+
+    What is dropped was put in for what is still missing: of a load spring and a friction that differs by direction a payload
+    stood in for both, and without it the spring alone showed the other.
+    """
+    for _ in range(MOST_ROUNDS):
+        if not walk.step() and not walk.backward():
+            return
+    walk.backward()
+
+
+def _verdict(walk: Walk, slow: bool = False) -> Diagnosis:
+    """The verdict on where a walk ended, on runs that are too slow to judge what acts on the piston or not."""
+    named, current, first, judge, ranking = walk.named, walk.current, walk.first, walk.judge, walk.ranking
+    # one that was refitted and made things worse stays where screening put it
+    order = sorted(ranking.values(), key=lambda item: (-max(item.excess_explained or 0.0, 0.0), -item.screen_gain))
+    lead = [item for name in named for item in order if item.effect == name]
+    ordered = tuple(lead + [item for item in order if item.effect not in named])
+    excused = explained_away(current, judge)
+    adequate = walk.pooled or slow or excused
+    started, ended = np.sqrt(first.whole), np.sqrt(current.whole)
+    usual = f"{np.sqrt(first.error):.2f} and {np.sqrt(current.error):.2f} without the worst tenth of the windows, which decides"
+    words = [f"held-out error: {started:.2f} times the noise floor before, {ended:.2f} after ({usual})"]
+    if not named:
+        return _nothing_named(walk, words, ordered, slow, adequate)
+    removed = (first.error - current.error) / max(first.error - 1.0, 1e-12)
+    explained = explained_share(first, current, first)
+    if explained > 0.0:
+        words.append(f"{', '.join(named)}: {100 * explained:.1f} % of the base model's held-out excess explained")
+    elif not walk.pooled:  # what all runs show may predict worse while the training runs leave it open
+        words.append(WORST_TENTH.format(", ".join(named), 100 * removed))
+    # little of the excess gone: what was found stands beside something larger that the catalogue does not hold
+    far = not walk.pooled and current.error > STILL_FAR**2  # parameters that the training runs leave open excuse only so much
+    larger = removed < MINOR and (far or not adequate)
+    rivals = tuple(name for name in walk.ambiguous.get(named[0], ()) if name not in named)
+    much = removed < MOSTLY or current.error > STILL_FAR**2
+    # parameters that the training runs leave open excuse neither a far error nor that much of it: a function may explain more
+    very_much = removed < MOSTLY and far and excused and not slow
+    rest = _rest(current) if larger or (not adequate and much) or very_much else None
+    if rivals and not larger:
+        every = (named[0], *rivals, *named[1:])
+        return Diagnosis("ambiguous", every, ordered, rest, sentences=tuple(words), beside=tuple(named[1:]))
+    if rest is not None and not very_much:
+        words.append("a part of the error remains that no effect of the catalogue explains")
+    elif current.error - 1.0 < judge.small:
+        words.append("what remains is noise")
+    elif excused:
+        words.append(OPEN)
+    elif not adequate:
+        words.append("what remains is above noise: these effects may act in a form that differs from the catalogue's")
+    return Diagnosis("unknown" if larger else "effect", tuple(named), ordered, rest, sentences=tuple(words))
+
+
+def _nothing_named(
+    walk: Walk, words: Sequence[str], ordered: tuple[Candidate, ...], slow: bool, adequate: bool
+) -> Diagnosis:
+    """The verdict where no effect was accepted: nothing is missing, or something that the catalogue does not hold."""
+    current, judge = walk.current, walk.judge
+    if walk.lacking is not None:
+        return Diagnosis("unknown", (), ordered, _rest(walk.lacking), sentences=tuple(words))
+    if current.error - 1.0 < judge.small:
+        return _noise_in_usual_windows(walk, words, ordered, slow)
+    if slow:
+        return Diagnosis("adequate", (), ordered, sentences=tuple(words))
+    if current.fit.lacking and current.error > NEARLY_NOISE**2:
+        return Diagnosis("unknown", (), ordered, _rest(current), sentences=(*words, CANNOT_FOLLOW))
+    if adequate:
+        plain = not judge.learned(current) and ordered and ordered[0].screen_gain * current.fit.relaxed_cost > LEAST_DROP
+        shown = (SHOWN.format(ordered[0].effect),) if plain else ()
+        return Diagnosis("adequate", (), ordered, sentences=(*words, OPEN, *shown))
+    if loudest(current) < DEFECT_RATIO:
+        if current.fit.exact is None and current.error > STILL_FAR**2:
+            return Diagnosis("unknown", (), ordered, _rest(current), sentences=(*words, AT_BREAK_AWAY))
+        quiet = "no balance leaves a defect above noise; what the predictions lose, they lose at break-away"
+        return Diagnosis("adequate", (), ordered, sentences=(*words, quiet))
+    return Diagnosis("unknown", (), ordered, _rest(current), sentences=(*words, "the catalogue does not explain it"))
+
+
+def _noise_in_usual_windows(walk: Walk, words: Sequence[str], ordered: tuple[Candidate, ...], slow: bool) -> Diagnosis:
+    """Nothing is missing, unless both kinds of runs are far off in the other windows and the model has no exact fit."""
+    current = walk.current
+    if current.fit.exact is None and min(current.whole, walk.judge.fits(current)) > STILL_FAR**2 and not slow:
+        return Diagnosis("unknown", (), ordered, _rest(current), sentences=(*words, AT_BREAK_AWAY))
+    return Diagnosis("adequate", (), ordered, sentences=(*words, NOTHING_MISSING))
+
+
+def _rest(trial: Trial) -> Unknown | None:
+    """The balance with the largest defect relative to what noise leaves, and the signal it follows most."""
+    defects = equation_defects(trial.fit)
+    if not defects:
+        return Unknown("force", (), trial.hold_out.get("F", 0.0), "N")
+    worst = max(defects, key=lambda item: item.rms / max(item.expected_rms, 1e-12))
+    return Unknown(worst.equation, _follows(trial.fit, worst.equation), worst.rms, worst.unit)
+
+
+def _follows(found: Fit, equation: str) -> tuple[str, ...]:
+    """Signal over whose quantiles the defect's mean varies most."""
+    problem = found.problem
+    state = {"force": "v", "pressure_1": "p1", "pressure_2": "p2"}[equation]
+    jump = node_jumps(problem, found.relaxed.X)[:, problem.plant.states.index(state)]
+    _, nodes = problem.split(found.relaxed.X)
+    best, strength = "x", -1.0
+    for name in ("x", "v", "p1", "p2"):
+        signal = nodes[problem.plant.states.index(name)][problem.linked]
+        edges = np.unique(np.quantile(signal, np.linspace(0, 1, 13)))
+        place = np.clip(np.searchsorted(edges, signal) - 1, 0, edges.size - 2)
+        means = np.array([jump[place == k].mean() if np.any(place == k) else 0.0 for k in range(edges.size - 1)])
+        if means.var() > strength:
+            best, strength = name, float(means.var())
+    return (best,)

@@ -1,0 +1,142 @@
+"""The next experiment: the recording that separates rival models best, and what it can be expected to decide.
+
+Every excitation of the library is played on each rival. How far a rival can follow the noise-free recording of another,
+when its parameters and states adapt as far as the data in hand and the sensors allow, is one Gauss-Newton step of the
+relaxed problem; what it cannot follow is the separation (half the noncentrality of the likelihood ratio; Atkinson, Fedorov,
+Biometrika 62 (1975) 57, linearised). Rivals that no excitation separates are named as such.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+from scipy.stats import norm
+
+from pneuid.criticism.decision.diagnosis import Command
+from pneuid.criticism.decision.verdict import Verdict
+from pneuid.criticism.next_experiment.excitations import BENCH_LIBRARY, SERVO_LIBRARY, Excitation
+from pneuid.criticism.next_experiment.playing import Scene, play
+from pneuid.criticism.next_experiment.rival import Rival
+from pneuid.criticism.refitting.refits import Asked
+from pneuid.criticism.refitting.refitter import Refitter
+from pneuid.criticism.screening.scores import screen
+from pneuid.effect import Effect
+from pneuid.estimation.fit import Fit
+
+SECONDS = 6.0
+"""Length of a proposed recording."""
+
+MOST_RIVALS = {"servo": 3, "bench": 5}
+"""Candidates of an ambiguous verdict that are told apart; a bench's are cheap, and several are alike."""
+
+NEEDED = 30.0
+"""Likelihood ratio (twice the difference of costs) that decides: twice what an effect must gain to be refitted."""
+
+ALIKE = 4.0
+"""Separation below which two rivals act alike: they would differ by less than two standard deviations of the noise."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A proposed recording, or that none of the library's helps (``excitation`` and ``command`` None, power 0).
+
+    power : chance that it decides; separation in likelihood-ratio units; rivals : what is told apart, those that act alike
+    together; advice : of each that has others like it, the experiment that its effect names.
+    """
+
+    excitation: Excitation | None
+    command: Command | None
+    power: float
+    separation: float
+    rivals: tuple[tuple[str, ...], ...]
+    advice: Mapping[str, str]
+
+    @property
+    def why(self) -> str:
+        """The reason in a sentence."""
+        alike = "; ".join(
+            f"{_listed(names, 'and')} act alike in every recording of the library (what would tell them: "
+            + ", ".join(f"{name}: {self.advice[name]}" for name in names) + ")"
+            for names in self.rivals
+            if len(names) > 1
+        )  # fmt: skip
+        if self.excitation is None or self.command is None:
+            return alike or "no excitation of the library stays within the limits"
+        told = " from ".join(_listed(names, "or") for names in self.rivals)
+        why = (
+            f"to tell {told}: {self.excitation.name} of {float(self.command.t[-1]):.0f} s ({self.excitation.says}); of all "
+            "in the library it makes the models differ most"
+        )
+        return f"{why}; {alike}" if alike else why
+
+
+def _listed(names: Sequence[str], last: str) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"
+
+
+def propose(fits: Sequence[Fit], effects: Sequence[Effect]) -> Experiment | None:
+    """The experiment that tells rival ``fits`` apart best; None for fewer than two.
+
+    effects : what each fit has that the others lack.
+    """
+    if len(fits) < 2:
+        return None
+    rivals = [Rival(fit) for fit in fits]
+    library = SERVO_LIBRARY if fits[0].plant.servo else BENCH_LIBRARY
+    scenes = [(item, scene) for item in library if (scene := play(rivals, item, SECONDS)) is not None]
+    pairs = list(combinations(range(len(rivals)), 2))
+    told = np.array([_separations(rivals, scene, pairs) for _, scene in scenes]).reshape(len(scenes), len(pairs))
+    best = told.max(axis=0, initial=0.0)
+    groups = _groups(len(rivals), [pair for pair, value in zip(pairs, best, strict=True) if value < ALIKE])
+    names = tuple(tuple(effects[i].name for i in group) for group in groups)
+    advice = {effect.name: effect.experiment for effect in effects}
+    group_of = {i: k for k, group in enumerate(groups) for i in group}
+    apart = [k for k, (i, j) in enumerate(pairs) if group_of[i] != group_of[j]]
+    if not scenes or not apart:
+        return Experiment(None, None, 0.0, 0.0, names, advice)
+    found = []
+    for (excitation, scene), values in zip(scenes, told, strict=True):
+        separation = float(values[apart].min())
+        power = float(norm.cdf((separation - NEEDED) / (2.0 * np.sqrt(max(separation, 1e-9)))))
+        found.append(Experiment(excitation, scene.command, power, separation, names, advice))
+    return max(found, key=lambda item: item.separation)
+
+
+def _separations(rivals: Sequence[Rival], scene: Scene, pairs: Sequence[tuple[int, int]]) -> list[float]:
+    """For each pair the smaller of what either cannot follow of the other."""
+
+    def unable(i: int, j: int) -> float:
+        return rivals[j].unable(scene.command.t, scene.inputs, scene.played[i], scene.played[j])
+
+    return [min(unable(i, j), unable(j, i)) for i, j in pairs]
+
+
+def _groups(count: int, alike: Sequence[tuple[int, int]]) -> list[list[int]]:
+    """Rivals that are alike, directly or over others, together; in order of their first."""
+    linked = np.eye(count)
+    for i, j in alike:
+        linked[i, j] = 1.0
+    _, label = connected_components(linked, directed=False)
+    return [np.flatnonzero(label == own).tolist() for own in dict.fromkeys(label.tolist())]
+
+
+def for_verdict(
+    verdict: Verdict, base: Fit, catalogue: Mapping[str, Effect], refitter: Refitter | None = None
+) -> Experiment | None:
+    """The experiment for an ambiguous verdict: its candidates are fitted and told apart; None for other verdicts."""
+    diagnosis = verdict.diagnosis
+    if diagnosis.verdict != "ambiguous":
+        return None
+    order = list(catalogue)
+    present = {effect.name for effect in verdict.best.plant.effects}
+    most = MOST_RIVALS[base.plant.rig.kind]
+    effects = [catalogue[name] for name in diagnosis.effects[:most] if not catalogue[name].richer_law]
+    starts = {score.effect.name: score.whole_start for score in screen(base, effects, order)}
+    asked = [Asked(effect, starts.get(effect.name, {})) for effect in effects if effect.name not in present]
+    made = {one.effect.name: fitted() for one, fitted in (refitter or Refitter(order)).each(base, asked)}
+    fits = [made.get(effect.name, verdict.best) for effect in effects]
+    return propose(fits, effects)

@@ -1,0 +1,1 @@
+"""What a model predicts of runs, and what noise alone would leave of that."""

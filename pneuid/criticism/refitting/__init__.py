@@ -1,0 +1,1 @@
+"""Models with an effect more or less, fitted again and judged on held-out runs."""

@@ -1,0 +1,162 @@
+"""The unknown rest in a verdict: whether a function that the search found is named, beside the effects or in their place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pneuid.criticism.decision.acceptance import LEAST_DROP
+from pneuid.criticism.decision.diagnosis import Unknown
+from pneuid.criticism.decision.rounds import Say
+from pneuid.criticism.decision.verdict import Verdict
+from pneuid.criticism.prediction.uncovered import MUCH as UNCOVERED
+from pneuid.criticism.unknown.function_search import Found, search
+from pneuid.estimation.fit import comparable_costs
+from pneuid.recording import Recording
+
+SEEN, TIMES = 0.05, 3.0
+"""Share of the relaxed cost that a term takes from the *training* runs, and times what the accepted effects took, from which it
+is said to be missing although the held-out runs do not bear it out: what little the effects explain there is chance, or stands
+in for it."""
+
+MORE = 1.1
+"""Times what the effects took of the training cost that a function must take to take their place: a tube's delay at a wrong
+break-away left 11 % of the held-out excess and a valve's gain over u 3 %, but that took 0.99 of what the delay did."""
+
+LITTLE, MUCH = 0.05, 0.25
+"""Shares of the held-out excess left by accepted effects, above which a term of another equation may take their place, and
+above which any may: below that, a term of their own equation is what their form lacks. Above the second a term of another
+equation that explains nearly all of what they leave makes the verdict ``unknown``: the larger part is not in the catalogue."""
+
+NEARLY_ALL, HALF = 0.9, 0.5
+"""To take their place it must alone explain more than the first share of the excess, and more than they do, or leave less than
+the second of what they leave. Of nine rigs whose effect the catalogue holds, in another form, it leaves 2.4 times as much or
+more, or explains nothing; of seven that it does not hold 0.00, 0.02, 0.29, 0.69 and 0.82, 1.1 and 1.2 times."""
+
+STRANGE = 0.25
+"""Share of the held-out samples outside the training runs' range, below which a function that explains nearly all there is
+believed beside effects that leave much: a relief valve opens most where the pressure is highest."""
+
+UNSEEN = (
+    "most of all the training runs show {}: it takes {:.1f} % of what they leave, the named effects take {:.1f} %; the "
+    "held-out runs do not bear it out"
+)
+ALONE = "most of all, {} show {}: it takes {:.1f} % of what they leave; the held-out runs alone do not bear it out"
+BEYOND = ", and {:.0f} % of their samples lie outside its range in the training runs: train on runs that cover it"
+
+IN_PLACE = "beside {0} nothing explains the rest; more than {0} does, in its place, a form that the catalogue lacks"
+"""Said where the effect stands, since it explains most, and a function alone explains a little more."""
+
+
+def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda _: None) -> Verdict:
+    """The verdict with what is known of its unknown rest, unchanged where it has none or nothing explains it.
+
+    A term that alone explains clearly more than the accepted effects takes their place; beside effects that leave much, one
+    that explains it is what is missing above all.
+    """
+    diagnosis, climbed = verdict.diagnosis, [rung for rung in verdict.rungs if rung.accepted]
+    if diagnosis.unknown is None:
+        return verdict
+    floor = climbed[-1].noise_floor
+    excess, left = (
+        float(np.mean([(rung.hold_out[name] / floor[name]) ** 2 for name in floor])) - 1.0 for rung in (climbed[0], climbed[-1])
+    )
+    theirs = {item.equation for item in verdict.best.plant.effects if item.name in diagnosis.effects}
+    # effects that explain a good part of the held-out excess stand; what explains little may stand in for the rest
+    minor, much, alone = diagnosis.verdict == "unknown", left > MUCH * excess, None
+    if diagnosis.effects and (minor or left > LITTLE * excess):
+        alone = search(verdict.base, hold_out, floor, say)
+        # of its own equation it is what their form lacks; but one function for several effects of several equations is plainer
+        elsewhere = _other(alone, theirs) or len(theirs) > 1
+        if alone.explains and (minor or much or elsewhere) and _takes_place(verdict, alone, left, excess):
+            words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
+            found = replace(
+                diagnosis, verdict="unknown", effects=(), unknown=_unknown(alone),
+                sentences=(*diagnosis.sentences, words, *_said(alone)),
+            )  # fmt: skip
+            return replace(verdict, diagnosis=found, best=verdict.base)
+    rest = search(verdict.best, hold_out, floor, say)
+    if not rest.explains and alone is not None and alone.explains and alone.beyond < UNCOVERED and alone.after - 1.0 < left:
+        sentences = (*diagnosis.sentences, IN_PLACE.format(", ".join(diagnosis.effects)), *_said(alone))
+        return replace(verdict, diagnosis=replace(diagnosis, unknown=_unknown(alone), sentences=sentences))
+    if not rest.explains:
+        if not diagnosis.effects:
+            together = verdict.lacking  # fitted to the held-out runs as well, so what it removes there is not told
+            return _shown_alone(verdict, rest if together is None else search(together, hold_out, floor))
+        return _seen_in_training(verdict, rest) if much else verdict
+    found = replace(diagnosis, unknown=_unknown(rest), sentences=(*diagnosis.sentences, *_said(rest)))
+    if diagnosis.effects and much and _other(rest, theirs) and rest.beyond < STRANGE and rest.explained > NEARLY_ALL:
+        found = replace(found, verdict="unknown")
+    return replace(verdict, diagnosis=found)
+
+
+def _seen_in_training(verdict: Verdict, rest: Found) -> Verdict:
+    """The verdict, ``unknown`` where the training runs show the ``rest`` far more than the effects that were accepted."""
+    term, standing = rest.joint.terms[0], verdict.best.relaxed_cost
+    without, with_them = comparable_costs(verdict.base, verdict.best)
+    if rest.gain < max(SEEN * standing, TIMES * (without - with_them)):
+        return verdict
+    words = UNSEEN.format(term.name, 100 * rest.gain / standing, 100 * (without - with_them) / without)
+    return _by_training(verdict, rest, words)
+
+
+def _shown_alone(verdict: Verdict, rest: Found) -> Verdict:
+    """The verdict ``unknown`` that names no effect, with what the runs fitted to show most where that is more than chance."""
+    if rest.gain < LEAST_DROP:
+        return verdict
+    runs, fitted = ("the training runs", verdict.best) if verdict.lacking is None else ("all runs together", verdict.lacking)
+    words = ALONE.format(runs, rest.joint.terms[0].name, 100 * rest.gain / fitted.relaxed_cost)
+    return _by_training(verdict, rest, words)
+
+
+def _by_training(verdict: Verdict, rest: Found, words: str) -> Verdict:
+    """The verdict ``unknown`` for a ``rest`` that the training runs show and the held-out runs do not bear out."""
+    term = rest.joint.terms[0]
+    words += BEYOND.format(100 * rest.beyond) if rest.beyond > UNCOVERED else ""
+    unknown = Unknown(term.equation, term.depends_on, rest.rms, term.unit)
+    sentences = (*verdict.diagnosis.sentences, words)
+    return replace(verdict, diagnosis=replace(verdict.diagnosis, verdict="unknown", unknown=unknown, sentences=sentences))
+
+
+def _other(found: Found, equations: set[str]) -> bool:
+    """Whether what explains the rest acts in none of the ``equations``."""
+    return found.joint.terms[0].equation not in equations
+
+
+def _takes_place(verdict: Verdict, alone: Found, left: float, excess: float) -> bool:
+    """Whether a term beside no effect explains clearly more than effects that leave that much of the squared ``excess``.
+
+    What explains nearly all need only explain more, unless the effects do so as well, and so need what the training runs show
+    far more than the effects: these may have helped by chance. Of a function whose signal leaves its range in the held-out runs
+    the training runs must show far more, of any more.
+    """
+    without, with_them = comparable_costs(verdict.base, verdict.best)
+    far_more = alone.gain > TIMES * (without - with_them)
+    known = far_more or (alone.beyond < UNCOVERED and alone.gain > MORE * (without - with_them))
+    plainer = alone.explained > NEARLY_ALL and left > (1.0 - NEARLY_ALL) * excess
+    return known and alone.after - 1.0 < (1.0 if plainer or far_more else HALF) * left
+
+
+def _unknown(found: Found) -> Unknown:
+    term, formula = found.joint.terms[0], found.formula
+    every = (*found.joint.terms, *(item for item in found.ties if item.equation == term.equation))
+    signals = tuple(dict.fromkeys(name for item in every for name in item.depends_on))
+    return Unknown(
+        term.equation, signals, found.rms, term.unit, formula.text if formula else None,
+        effect=" ".join(item.name for item in found.joint.terms), formula_effect=formula.name if formula else None,
+        formula_error=formula.error if formula else None, excess_explained=found.explained, curve=found.curve,
+    )  # fmt: skip
+
+
+def _said(found: Found) -> tuple[str, ...]:
+    names = " ".join(f"'{term.name}'" for term in found.joint.terms)
+    words = f"a smooth unknown function removes {100 * found.explained:.0f} % of what is left on held-out runs; --add {names}"
+    said: tuple[str, ...] = (words,)
+    if found.ties:
+        said += (f"{', '.join(term.name for term in found.ties)} explains these data about as well",)
+    if found.formula is None:
+        return said
+    formula = found.formula
+    return *said, f"its shape is {formula.text} within {100 * formula.error:.0f} % of its size; --add '{formula.name}'"
