@@ -10,7 +10,7 @@ import pytest
 from trials import score, stub
 
 from pneuid.criticism.decision import all_runs as module
-from pneuid.criticism.decision import leftover, walk
+from pneuid.criticism.decision import ascent, leftover, walk, walk_on_all
 from pneuid.criticism.decision.all_runs import beyond_doubt, least_shown, shown, within_a_sample
 from pneuid.criticism.decision.diagnosis import NOTHING_MISSING, Candidate, Diagnosis
 from pneuid.criticism.decision.leftover import explained_away
@@ -33,7 +33,7 @@ def judge(learned: float = 1.1) -> SimpleNamespace:
 @pytest.fixture(autouse=True)
 def _amplitudes_count(monkeypatch):
     monkeypatch.setattr(module, "inside_bounds", lambda *_: True)
-    for user in (module, walk):
+    for user in (module, walk_on_all):
         monkeypatch.setattr(user, "within_a_sample", lambda *_: False)
 
 
@@ -97,13 +97,14 @@ def walking(
         least.append(given[-1])  # type: ignore[arg-type]
         return [(promised, made)]
 
-    monkeypatch.setattr(walk, "screen", lambda *_: [promised])
-    monkeypatch.setattr(walk, "refitted", refits)
-    monkeypatch.setattr(walk, "same_floor", lambda by, current, first, found: (by, current, first, found))
-    monkeypatch.setattr(walk, "settled", lambda _, trial, *__: trial)
+    monkeypatch.setattr(ascent, "screen", lambda *_: [promised])
+    for judging in (walk, walk_on_all):
+        monkeypatch.setattr(judging, "refitted", refits)
+        monkeypatch.setattr(judging, "settled", lambda _, trial, *__: trial)
+    monkeypatch.setattr(ascent, "same_floor", lambda by, current, first, found: (by, current, first, found))
     monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
-    monkeypatch.setattr(walk, "better_without", lambda *_: None)
-    monkeypatch.setattr(Walk, "rung", lambda _, trial, accepted: (trial.added, accepted, trial.fit.runs))
+    monkeypatch.setattr(ascent, "better_without", lambda *_: None)
+    monkeypatch.setattr(ascent.Ascent, "rung", lambda _, trial, accepted: (trial.added, accepted, trial.fit.runs))
     base, by, refitter = stub(1.8, 14_000.0), judge(learned), Refits()
     base.fit.runs, base.fit.plant = ("slow",), SimpleNamespace(servo=False)
     by.trial = lambda fit, added=None: SimpleNamespace(fit=fit, added=added, error=1.2, whole=1.2)
@@ -130,7 +131,7 @@ def test_refits_are_made_where_all_runs_may_show_something(drop, learned, asked,
 def test_what_all_runs_show_is_named_and_judged_on_each_held_out_run_by_fits_to_the_others(monkeypatch):
     going, refitter, _ = walking(monkeypatch, 500.0, 13_500.0)
     assert not going.step(), "where the held-out runs cannot judge, nothing follows"
-    assert going.named == ["load_mass"] and going.pooled and going.lacking is None
+    assert going.named == ["load_mass"] and going.by_all_runs and going.lacking is None
     in_turn = [("slow", "held"), ("slow", "fast")]
     assert refitter.asked == [("slow", "fast", "held"), *in_turn, *in_turn], "all, then without the effect and with it"
     assert going.current.others == going.first.others == tuple(in_turn)
@@ -146,7 +147,7 @@ def test_what_all_runs_show_is_named_and_judged_on_each_held_out_run_by_fits_to_
 def test_what_predicts_the_run_left_out_hardly_better_is_not_named(left, named, monkeypatch):
     going, _, _ = walking(monkeypatch, 500.0, 13_700.0, left=left)
     assert not going.step()
-    assert (going.named == ["load_mass"]) == named == going.pooled == (going.lacking is None)
+    assert (going.named == ["load_mass"]) == named == going.by_all_runs == (going.lacking is None)
     if not named:
         assert going.current.added is None and going.rungs[-1][:2] == ("load_mass", False)
         assert any("is not named all the same" in sentence for sentence in going.moved)
@@ -180,9 +181,9 @@ def test_beside_a_better_start_of_the_base_an_effect_is_measured_against_that(ag
     better = stub(1.1, 13_000.0 + again)
     better.fit.runs = ("slow", "better")
     starts = iter([better])
-    monkeypatch.setattr(walk, "better_without", lambda *_: next(starts, None))
+    monkeypatch.setattr(ascent, "better_without", lambda *_: next(starts, None))
     promised = iter([1_000.0, promise])
-    monkeypatch.setattr(walk, "screen", lambda *_: [score("load_mass", next(promised))])
+    monkeypatch.setattr(ascent, "screen", lambda *_: [score("load_mass", next(promised))])
     assert not going.step()
     assert going.named == named and going.lacking is None
     assert any("fits better from another start" in sentence for sentence in going.moved)
@@ -204,7 +205,7 @@ def test_what_is_beyond_doubt_is_named_although_the_run_left_out_is_predicted_wo
     going, _, _ = walking(monkeypatch, 500.0, 13_500.0, left=(1.8, 60.0))
     monkeypatch.setattr(walk, "beyond_doubt", lambda *_: True)
     assert not going.step()
-    assert going.named == ["load_mass"] and going.pooled and going.current.error == 60.0
+    assert going.named == ["load_mass"] and going.by_all_runs and going.current.error == 60.0
     assert walk.OUTSIDE in going.moved
 
 
@@ -220,13 +221,13 @@ def lag_of(tau: float) -> SimpleNamespace:
 @pytest.mark.parametrize(("tau", "counts"), [(0.9e-3, False), (1.1e-3, True)])
 def test_a_lag_shorter_than_a_sample_is_what_smoothing_of_the_motion_leaves(tau, counts, monkeypatch):
     trial = lag_of(tau)
-    for user in (module, walk):
+    for user in (module, walk_on_all):
         monkeypatch.setattr(user, "within_a_sample", within_a_sample)
     assert bool(shown([(score("sensor_lag_F", 500.0), trial)], BASE, judge())) == counts
     going, _, _ = walking(monkeypatch, 500.0, 13_000.0)
     base = going.judge.trial(going._on_all(going.current.fit))
-    going._suspect([(score("sensor_lag_F", 500.0), trial)], base)
-    assert (going.lacking is not None) == counts
+    both = walk_on_all.WalkOnAll(going.judge, base, base, going.catalogue, going.refitter, going.say)
+    assert (both.suspected([(score("sensor_lag_F", 500.0), trial)]) is not None) == counts
 
 
 def test_only_times_are_counted_in_samples():

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from trials import JUDGE, score, stub, walking
 
-from pneuid.criticism.decision import walk
+from pneuid.criticism.decision import ascent, walk
 from pneuid.criticism.decision.break_away import leading_friction, shown_at_break_away
 from pneuid.criticism.refitting.trial import Trial
 
@@ -62,7 +62,7 @@ def test_it_is_named_where_no_balance_leaves_a_defect(loud, named, monkeypatch):
     here, first = walking(JUDGED, current=BASE), (score(DWELL, 30.0), trial(1.95, 7.0, 290.0, DWELL))
     monkeypatch.setattr(walk, "loudest", lambda _: loud)
     monkeypatch.setattr(walk, "settled", lambda *_: trial(1.4, 2.0, 86.0, DWELL))
-    monkeypatch.setattr(walk, "better_without", lambda *_: None)
+    monkeypatch.setattr(ascent, "better_without", lambda *_: None)
     monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
     for name, made in {
         "_cannot_judge": False, "_screened": [], "_round": ([first], None), "_record": None, "_by_all_runs": False
@@ -78,7 +78,8 @@ def test_what_does_not_show_at_break_away_is_no_rival_of_what_does(monkeypatch):
     """Without the windows of break-away all that were tried predict alike."""
     here, dwell = walking(JUDGED, current=trial(1.25, 4.6, 70.0)), (score(DWELL, 30.0), trial(1.25, 1.7, 5.0, DWELL))
     other = (score("friction_position", 3.0), trial(1.24, 3.9, 60.0, "friction_position"))
-    for name, made in {"loudest": 1.1, "settled": dwell[1], "better_without": None, "leaves_much": False}.items():
+    monkeypatch.setattr(ascent, "better_without", lambda *_: None)
+    for name, made in {"loudest": 1.1, "settled": dwell[1], "leaves_much": False}.items():
         monkeypatch.setattr(walk, name, lambda *_, made=made: made)
     for name, made in {"_cannot_judge": False, "_screened": [], "_round": ([dwell, other], None), "_record": None}.items():
         monkeypatch.setattr(walk.Walk, name, lambda *_, made=made, **__: made)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from trials import FIRST, JUDGE, score, stub, walking
 
-from pneuid.criticism.decision import rivals, walk
+from pneuid.criticism.decision import ascent, rivals, walk
 from pneuid.criticism.decision.rivals import LOOKALIKES, lookalikes
 from pneuid.criticism.screening.jumps import Jump
 from pneuid.effects import CATALOGUE, LAW_STEPS
@@ -95,7 +95,7 @@ def test_one_that_leaves_less_takes_the_place_and_bears_other_starts_itself(left
 
     other = score("friction_pressure", 1500.0), stub(57.0, 61_000.0, "friction_pressure")
     monkeypatch.setattr(walk, "refitted", lambda *_: [DIRECTION, other])
-    monkeypatch.setattr(walk, "same_floor", lambda judge, current, base, found: (judge, current, base, found))
+    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, base, found: (judge, current, base, found))
     monkeypatch.setattr(walk, "settled", lambda _, trial, *__: settled.append(trial.added) or trial)
     monkeypatch.setattr(walk, "led", lambda _, found, *__: found)
     monkeypatch.setattr(walk, "lookalikes", beside)

@@ -20,11 +20,11 @@ def _ends(monkeypatch):
     monkeypatch.setattr(verdict, "_rest", lambda _: REST)
 
 
-def said_of(before: float, after: float, judge: SimpleNamespace = JUDGE, pooled: bool = False):
+def said_of(before: float, after: float, judge: SimpleNamespace = JUDGE, by_all_runs: bool = False):
     """Of a walk from ``before`` to ``after`` squared floors by one effect."""
     walk = SimpleNamespace(
-        named=["gravity"], first=stub(before, 1e4), current=stub(after, 1e3, "gravity"), judge=judge, ranking={}, pooled=pooled,
-        ambiguous={}, lacking=None,
+        named=["gravity"], first=stub(before, 1e4), current=stub(after, 1e3, "gravity"), judge=judge, ranking={},
+        by_all_runs=by_all_runs, ambiguous={}, lacking=None,
     )  # fmt: skip
     return verdict._verdict(walk)
 
@@ -41,15 +41,15 @@ def test_a_rest_is_reported_where_a_tenth_of_the_excess_is_left_or_three_floors(
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "pooled", "said", "rest"),
+    ("before", "after", "by_all_runs", "said", "rest"),
     [(45.0, 34.0, False, "unknown", True), (45.0, 34.0, True, "effect", False), (15.0, 8.9, False, "effect", False),
      # the effect stands, but a function may explain more than it does
      (80.0, 34.0, False, "effect", True), (500.0, 34.0, False, "effect", False)],
 )  # fmt: skip
-def test_open_parameters_do_not_excuse_an_effect_that_explains_little_and_leaves_much(before, after, pooled, said, rest):
+def test_open_parameters_do_not_excuse_an_effect_that_explains_little_and_leaves_much(before, after, by_all_runs, said, rest):
     """Beside a magnet friction by place took a quarter, and the training runs left open what stayed."""
     excusing = SimpleNamespace(**vars(JUDGE) | {"explains": lambda _: True})
-    found = said_of(before, after, excusing, pooled)
+    found = said_of(before, after, excusing, by_all_runs)
     assert (found.verdict, found.effects, found.unknown is REST) == (said, ("gravity",), rest)
 
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from trials import FIRST, JUDGE, score, stub, walking
 
-from pneuid.criticism.decision import leftover, verdict, walk
+from pneuid.criticism.decision import ascent, leftover, verdict, walk
 from pneuid.criticism.decision.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.criticism.decision.rivals import better_without
 from pneuid.criticism.decision.verdict import _verdict
@@ -30,7 +30,7 @@ def test_what_reading_break_away_anew_makes_worse_is_the_best_no_longer(read_ane
     tried = [(score(name, 900.0), stub(error, 25_000.0, name)) for name, error in (("load_mass", 60.0), ("backlash", 80.0))]
     ends = {"load_mass": stub(read_anew, 24_900.0, "load_mass"), "backlash": tried[1][1]}
     monkeypatch.setattr(walk, "refitted", lambda *_: tried)
-    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
     monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
     monkeypatch.setattr(walk, "settled", lambda _, trial, *__: ends[trial.added])
@@ -51,7 +51,7 @@ def test_where_the_chosen_effect_follows_whole_runs_nothing_alike_starts_again(p
         return end
 
     monkeypatch.setattr(walk, "refitted", lambda *_: tried)
-    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
     monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
     monkeypatch.setattr(walk, "settled", ended)
@@ -65,7 +65,7 @@ def test_three_of_what_promises_as_much_start_again_with_the_chosen_effect(monke
     tried = [(score(name, 900.0), stub(60.0 + i, 25_000.0, name)) for i, name in enumerate(names)]
     seen = []
     monkeypatch.setattr(walk, "refitted", lambda *_: tried)
-    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
     monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
     monkeypatch.setattr(walk, "settled", lambda _, trial, *__: seen.append(trial.added) or trial)
@@ -80,7 +80,7 @@ def test_what_is_led_to_a_better_end_than_the_chosen_effect_takes_its_place(led_
     tried = [(score(name, 900.0), stub(error, 25_000.0, name)) for name, error in names]
     end = stub(led_to, 25_000.0, "gravity")
     monkeypatch.setattr(walk, "refitted", lambda *_: tried)
-    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     monkeypatch.setattr(walk, "settled", lambda _, trial, *__: trial)
     monkeypatch.setattr(walk, "led", lambda _, found, *__: [found[0], (found[1][0], end)])
     assert walking()._round([], 15.0)[1][0].effect.name == named
@@ -89,7 +89,7 @@ def test_what_is_led_to_a_better_end_than_the_chosen_effect_takes_its_place(led_
 def test_an_effect_that_does_not_bear_reading_break_away_anew_is_not_accepted(monkeypatch):
     tried = [(score("backlash", 900.0), stub(120.0, 42_900.0, "backlash"))]
     monkeypatch.setattr(walk, "refitted", lambda *_: tried)
-    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     monkeypatch.setattr(walk, "second_looks", lambda *_: tried)
     monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
     monkeypatch.setattr(walk, "settled", lambda *_: stub(180.0, 42_800.0, "backlash"))
@@ -106,7 +106,7 @@ def test_where_the_leading_effect_does_not_bear_other_starts_a_second_look_finds
         return [*tried, (silencer, stub(2.0, 26_000.0, "exhaust_restriction"))]
 
     monkeypatch.setattr(walk, "refitted", lambda *_: [(heat, stub(8.0, 30_000.0, "heat_transfer"))])
-    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     monkeypatch.setattr(walk, "loudest", lambda _: 9.0)
     monkeypatch.setattr(walk, "second_looks", looked)
     monkeypatch.setattr(walk, "overtaking", lambda _current, _first, _scores, tried, *_: tried)
@@ -117,19 +117,15 @@ def test_where_the_leading_effect_does_not_bear_other_starts_a_second_look_finds
     assert len(looks) == 1 and looks[0][0][1].error == 180.0, "once, and with the end that the other start led to"
 
 
-@pytest.mark.parametrize(
-    ("current", "pooled", "asked"), [(FIRST, False, 1), (FIRST, True, 0), (stub(9.0, 26e3, "gravity"), False, 1)]
-)
-def test_steps_are_looked_at_in_every_round_by_held_out_runs(current, pooled, asked, monkeypatch):
+@pytest.mark.parametrize("current", [FIRST, stub(9.0, 26e3, "gravity")])
+def test_steps_are_looked_at_in_every_round_by_held_out_runs(current, monkeypatch):
     seen = []
     monkeypatch.setattr(walk, "refitted", lambda *_: [])
     monkeypatch.setattr(walk, "overtaking", lambda *given: seen.append(given) or [])
-    monkeypatch.setattr(walk, "same_floor", lambda judge, now, first, found: (judge, now, first, found))
+    monkeypatch.setattr(ascent, "same_floor", lambda judge, now, first, found: (judge, now, first, found))
     monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
     monkeypatch.setattr(walk, "second_looks", lambda _current, _scores, tried, *_: tried)
-    going = walking(current=current)
-    going.pooled = pooled
-    assert going._round([], 15.0) == ([], None) and len(seen) == asked
+    assert walking(current=current)._round([], 15.0) == ([], None) and len(seen) == 1
 
 
 @pytest.mark.parametrize(
@@ -262,7 +258,7 @@ def test_a_model_that_reaches_an_exact_fit_from_where_an_effect_led_needs_no_eff
 def test_what_fits_the_training_runs_alike_is_followed_to_its_exact_fit_and_nothing_else(monkeypatch):
     asked = []
     monkeypatch.setattr(walk, "followed", lambda trial, *_: asked.append(trial.added) or trial)
-    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     ends = {"valve_lag": 26_333.0, "line_delay": 26_700.0, "gravity": 30_000.0}
     tried = [(score(name, 800.0), stub(9.0, cost, name)) for name, cost in ends.items()]
     assert walking()._followed(tried) == tried and asked == ["valve_lag", "line_delay"]
@@ -272,7 +268,7 @@ def test_what_fits_the_training_runs_alike_is_followed_to_its_exact_fit_and_noth
 def test_the_best_predictor_of_the_training_runs_is_followed_first_and_the_last_that_explains_all(explains, asked, monkeypatch):
     seen = []
     monkeypatch.setattr(walk, "followed", lambda trial, *_: seen.append(trial.added) or trial)
-    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     ends = {"valve_lag": (26_333.0, 9.0, 3.0), "line_delay": (26_400.0, 1.1 if explains else 20.0, 2.0)}
     tried = [
         (score(name, 800.0), replace(stub(error, cost, name), usual_train={"x": training}))
@@ -299,9 +295,9 @@ def test_training_runs_name_an_effect_where_held_out_runs_cannot_judge(changes, 
     told = TOLD | changes
     tried = [(score(name, 900.0), stub(error, cost, name)) for name, (error, cost, _) in told.items()]
     monkeypatch.setattr(walk, "refitted", lambda *_: tried)
-    monkeypatch.setattr(walk, "screen", lambda *_: [one for one, _ in tried])
-    monkeypatch.setattr(walk, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
-    monkeypatch.setattr(walk, "better_without", lambda *_: None)
+    monkeypatch.setattr(ascent, "screen", lambda *_: [one for one, _ in tried])
+    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(ascent, "better_without", lambda *_: None)
     monkeypatch.setattr(Walk, "rung", lambda _self, trial, accepted: (trial, accepted))
     current = stub(1.3, 43_000.0)
     current.fit.plant = SimpleNamespace(servo=True)
@@ -356,8 +352,8 @@ def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(
     }
     for name, stand_in in replaced.items():
         monkeypatch.setattr(Walk, name, stand_in)
-    monkeypatch.setattr(walk, "screen", lambda *_: [lead])
-    monkeypatch.setattr(walk, "better_without", lambda *_: smaller)
+    monkeypatch.setattr(ascent, "screen", lambda *_: [lead])
+    monkeypatch.setattr(ascent, "better_without", lambda *_: smaller)
     monkeypatch.setattr(walk, "joined", lambda *_: None)
     monkeypatch.setattr(verdict, "judge_of", lambda *_: judge)
     monkeypatch.setattr(verdict, "too_slow", lambda _: None)

@@ -95,7 +95,7 @@ def diagnose(
     climb(walk)
     found = _verdict(walk, slow is not None)
     beyond = [] if found.verdict == "adequate" else uncovered(base, judge.held)
-    found = replace(found, sentences=(*found.sentences, *walk.moved, *beyond), by_all_runs=walk.pooled)
+    found = replace(found, sentences=(*found.sentences, *walk.moved, *beyond), by_all_runs=walk.by_all_runs)
     lacking = None if walk.lacking is None else walk.lacking.fit
     return Verdict(found, walk.current.fit, walk.first.fit, walk.rungs, lacking)
 
@@ -120,7 +120,7 @@ def _verdict(walk: Walk, slow: bool = False) -> Diagnosis:
     lead = [item for name in named for item in order if item.effect == name]
     ordered = tuple(lead + [item for item in order if item.effect not in named])
     excused = explained_away(current, judge)
-    adequate = walk.pooled or slow or excused
+    adequate = walk.by_all_runs or slow or excused
     started, ended = np.sqrt(first.whole), np.sqrt(current.whole)
     usual = f"{np.sqrt(first.error):.2f} and {np.sqrt(current.error):.2f} without the worst tenth of the windows, which decides"
     words = [f"held-out error: {started:.2f} times the noise floor before, {ended:.2f} after ({usual})"]
@@ -130,10 +130,11 @@ def _verdict(walk: Walk, slow: bool = False) -> Diagnosis:
     explained = explained_share(first, current, first)
     if explained > 0.0:
         words.append(f"{', '.join(named)}: {100 * explained:.1f} % of the base model's held-out excess explained")
-    elif not walk.pooled:  # what all runs show may predict worse while the training runs leave it open
+    elif not walk.by_all_runs:  # what all runs show may predict worse while the training runs leave it open
         words.append(WORST_TENTH.format(", ".join(named), 100 * removed))
     # little of the excess gone: what was found stands beside something larger that the catalogue does not hold
-    far = not walk.pooled and current.error > STILL_FAR**2  # parameters that the training runs leave open excuse only so much
+    # parameters that the training runs leave open excuse only so much
+    far = not walk.by_all_runs and current.error > STILL_FAR**2
     larger = removed < MINOR and (far or not adequate)
     rivals = tuple(name for name in walk.ambiguous.get(named[0], ()) if name not in named)
     much = removed < MOSTLY or current.error > STILL_FAR**2

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from pneuid.criticism.comparison.ladder import Rung
 from pneuid.criticism.decision.acceptance import (
     LEAST_DROP,
     LEAST_SHARE,
@@ -17,35 +16,28 @@ from pneuid.criticism.decision.acceptance import (
     least_drop,
     moves_break_away_alone,
 )
-from pneuid.criticism.decision.all_runs import beyond_doubt, least_shown, shown, shown_by_training, within_a_sample
+from pneuid.criticism.decision.all_runs import beyond_doubt, least_shown, shown_by_training
+from pneuid.criticism.decision.ascent import Ascent, Chosen
 from pneuid.criticism.decision.break_away import AT_BREAK_AWAY, leading_friction, shown_at_break_away
 from pneuid.criticism.decision.diagnosis import Candidate
-from pneuid.criticism.decision.evidence import as_refitted, as_screened, chance, leading
+from pneuid.criticism.decision.evidence import as_refitted
 from pneuid.criticism.decision.leftover import DEFECT_RATIO, FAR_OFF, explained_away, loudest
-from pneuid.criticism.decision.rivals import alike, alike_in_training, better_without, contains, led, lookalikes
+from pneuid.criticism.decision.rivals import alike, alike_in_training, led, lookalikes
 from pneuid.criticism.decision.rounds import (
-    Say,
     all_explained,
     leaves_far,
     leaves_much,
     overtaking,
     promised_alike,
     refitted,
-    same_floor,
     second_looks,
 )
 from pneuid.criticism.decision.together import Joined, joined
-from pneuid.criticism.refitting.refitter import Refitter
+from pneuid.criticism.decision.walk_on_all import WalkOnAll
 from pneuid.criticism.refitting.restarts import followed, follows, settled
-from pneuid.criticism.refitting.trial import Judge, Trial
-from pneuid.criticism.screening.scores import Score, screen
-from pneuid.effect import Effect
+from pneuid.criticism.refitting.trial import Trial
+from pneuid.criticism.screening.scores import Score
 from pneuid.estimation.fit import Fit
-
-SHOWN = (
-    "{} is what all runs together show: fitted to the held-out runs as well, their cost falls by {:.0f}, more than the {:.0f} "
-    "of chance and the method; the held-out runs alone cannot judge it: hold out one like the training runs, or fit to all"
-)
 
 IN_TURN = "each held-out run is predicted by fits to all runs but it, with this effect and without"
 
@@ -63,16 +55,8 @@ ASTRAY = (
     "without it, and more than they leave open"
 )
 
-SUSPECT = (
-    "fitted to all runs together, {} lowers the cost by {:.0f}, more than the {:.0f} of chance and the method, but does not "
-    "explain them: something of its kind may be missing; record longer runs of both kinds"
-)
-
 MINOR = 0.5
 """Share of the excess explained, below which what was found stands in for something else, or beside something larger."""
-
-ROUNDS_ON_ALL = 2
-"""Rounds on all runs together: the second where the first found a better start of the model that stood."""
 
 EQUALS = 3
 """Effects at most that are started again with the same care as the best one, those that promise most first."""
@@ -80,34 +64,17 @@ EQUALS = 3
 MISSED, STAYS = 0.02, 0.25
 """Shares of the base model's excess, and of the error that is left, below which an effect's absence is not felt."""
 
-BETTER_START = (
-    "the model that stood before fits better from another start ({:.2f} -> {:.2f} floors); all is measured against that"
-)
-
 
 @dataclass
-class Walk:
-    """Where the diagnosis stands.
+class Walk(Ascent):
+    """Where a diagnosis on held-out runs stands.
 
-    current, first : trials of the standing model and of the base; named : effects accepted so far; ambiguous : by the name
-    of an accepted effect, those that explain as much; moved : what was said of better starts, and of what all runs show;
-    pooled : whether all runs decide, to which then the trials are fitted; lacking : the model fitted to all runs, where nothing
-    was named although an effect lowers their cost by more than chance; slow : whether the recordings are too slow to show
-    break-away.
+    by_all_runs : whether all runs decided, to which then the trials are fitted; lacking : the model fitted to all runs, where
+    nothing was named although an effect lowers their cost by more than chance; slow : whether the recordings are too slow to
+    show break-away.
     """
 
-    judge: Judge
-    current: Trial
-    first: Trial
-    catalogue: dict[str, Effect]
-    refitter: Refitter
-    say: Say
-    rungs: list[Rung] = field(default_factory=list)
-    ranking: dict[str, Candidate] = field(default_factory=dict)
-    named: list[str] = field(default_factory=list)
-    ambiguous: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    moved: list[str] = field(default_factory=list)
-    pooled: bool = False
+    by_all_runs: bool = False
     lacking: Trial | None = None
     slow: bool = False
 
@@ -135,7 +102,7 @@ class Walk:
             return True
         return not self.named and self._by_all_runs(UNEXPLAINED)
 
-    def _at_break_away(self, tried: Tried) -> tuple[Tried, tuple[Score, Trial] | None]:
+    def _at_break_away(self, tried: Tried) -> tuple[Tried, Chosen | None]:
         """Those tried, and what of them shows at break-away alone, in the few windows that the usual error leaves out."""
         pair = leading_friction(tried, self.current, self.judge)
         if pair is None or loudest(self.current) > DEFECT_RATIO:
@@ -149,7 +116,7 @@ class Walk:
 
         Where no exact fit stands behind the model and it is far off on the training runs as well, these may say it.
         """
-        return not self.pooled and explained_away(self.current, self.judge) and not self._astray()
+        return not self.by_all_runs and explained_away(self.current, self.judge) and not self._astray()
 
     def _astray(self) -> bool:
         """Whether no exact fit stands behind the model and its predictions of the training runs are far off."""
@@ -184,39 +151,18 @@ class Walk:
             return False
         self.say(why)
         base = self.judge.trial(self._on_all(self.current.fit))
-        both = Walk(self.judge, base, base, self.catalogue, self.refitter, self.say, ranking=self.ranking, pooled=True)
-        tried = both._rounds_on_all()
+        both = WalkOnAll(self.judge, base, base, self.catalogue, self.refitter, self.say, ranking=self.ranking)
+        tried = both.rounds()
         self.moved += both.moved
         for name in both.named:
             self._take_shown(name, both.first, both)
-        if not self.named:
-            self._suspect(tried, both.first)
+        suspicion = None if self.named else both.suspected(tried)
+        if suspicion is not None:
+            self.lacking = both.first
+            self.moved.append(suspicion)
         return False
 
-    def _rounds_on_all(self) -> Tried:
-        """A round on all runs, and another where it ended with a better start of the model that stood; those tried last."""
-        tried: Tried = []
-        for _ in range(ROUNDS_ON_ALL):
-            standing = self.current
-            scores, least = self._screened(standing), least_shown(standing)
-            if not any(score.drop > least for score in scores):
-                return []
-            tried, chosen = self._round(scores, least)
-            if not self._take(chosen, tried) or self.named:
-                return tried
-        return tried
-
-    def _suspect(self, tried: Tried, base: Trial) -> None:
-        """Where nothing was named although an effect lowers the cost of all runs by more than chance: something is lacking."""
-        least = least_shown(base)
-        told = [trial for score, trial in tried if not within_a_sample(score, trial)]
-        drops = [(now - after, trial.added) for trial in told for now, after in [costs(base, trial)]]
-        most, name = max(drops, key=lambda item: item[0], default=(0.0, None))
-        if most > least:
-            self.lacking = base
-            self.moved.append(SUSPECT.format(name, most, least))
-
-    def _take_shown(self, name: str, base: Trial, both: Walk) -> None:
+    def _take_shown(self, name: str, base: Trial, both: WalkOnAll) -> None:
         """Name what the walk on all runs named, unless it predicts runs that it was not fitted to worse than without it."""
         others = [self._in_turn(fit) for fit in (base.fit, both.current.fit)]
         without = self.judge.across(base.fit, others[0], None)
@@ -233,7 +179,7 @@ class Walk:
         self.moved += [IN_TURN] if better else [IN_TURN, OUTSIDE]
         self.rungs = [self.rung(without, True), *self.rungs[1:], self.rung(trial, True)]
         self.first, self.current = without, trial
-        self.named, self.ambiguous, self.pooled = [name], both.ambiguous, True
+        self.named, self.ambiguous, self.by_all_runs = [name], both.ambiguous, True
 
     def _on_all(self, fit: Fit) -> Fit:
         return self.refitter.on(fit, (*self.current.fit.runs, *self.judge.held))
@@ -242,14 +188,6 @@ class Walk:
         """A model that was fitted to all runs, fitted to all but each of the held-out ones."""
         held, training = self.judge.held, self.current.fit.runs
         return [self.refitter.on(fit, (*training, *(run for run in held if run is not one))) for one in held]
-
-    def _screened(self, standing: Trial) -> list[Score]:
-        """Every effect screened on a model; the first screening ranks."""
-        scores = list(screen(standing.fit, list(self.catalogue.values()), list(self.catalogue)))
-        for score in scores:
-            self.ranking.setdefault(score.effect.name, as_screened(score))
-        self.say(leading(scores))
-        return scores
 
     def backward(self) -> bool:
         """Try to drop each accepted effect but the last; keep the smaller model where the held-out error hardly rises.
@@ -284,11 +222,10 @@ class Walk:
         same_fit = without - now < max(LEAST_DROP, LEAST_SHARE * (before - now))
         return same_fit and smaller.error - self.current.error < max(3 * self.judge.spread, little)
 
-    def _round(self, scores: Sequence[Score], least: float) -> tuple[Tried, tuple[Score, Trial] | None]:
+    def _round(self, scores: Sequence[Score], least: float) -> tuple[Tried, Chosen | None]:
         """Trials of one round and the one to accept, if any, all by the floor of the best model so far."""
         made = refitted(self.current, self.first, scores, self.judge, self.refitter, self.say, least)
-        if not self.pooled:
-            made = overtaking(self.current, self.first, scores, made, self.judge, self.refitter, self.say)
+        made = overtaking(self.current, self.first, scores, made, self.judge, self.refitter, self.say)
         tried = self._followed(self._by_one_floor(made))
         chosen, known, looked, late = self._best(tried), set[str](), False, False
         while True:
@@ -305,7 +242,7 @@ class Walk:
             if chosen is None or chosen[0].effect.name in known:
                 return tried, chosen
             # a look-alike has taken the place of one whose equals were started again
-            equals = [] if self.pooled or late else promised_alike(chosen[0], tried)[:EQUALS]
+            equals = [] if late else promised_alike(chosen[0], tried)[:EQUALS]
             for one in (chosen, *equals):
                 if one[0].effect.name in known:
                     continue
@@ -318,12 +255,10 @@ class Walk:
             chosen = self._best(tried)
 
     def _with_rivals(
-        self, scores: Sequence[Score], tried: Tried, chosen: tuple[Score, Trial]
-    ) -> tuple[Tried, tuple[Score, Trial] | None]:
+        self, scores: Sequence[Score], tried: Tried, chosen: Chosen
+    ) -> tuple[Tried, Chosen | None]:
         """Those tried and the one to accept, once what promised as much, or is easily confused with the chosen effect, was
         fitted from where that one led."""
-        if self.pooled:
-            return tried, chosen
         how = self.current, self.judge, self.refitter, self.say
         tried = self._by_one_floor([*led(chosen, tried, *how), *lookalikes(chosen, scores, tried, *how)])
         return tried, self._best(tried)
@@ -333,8 +268,6 @@ class Walk:
 
         A relaxed fit sees little of a break-away, and may leave most of the held-out error for it.
         """
-        if self.pooled:
-            return tried
         alike_ones = [pair for pair, near in zip(tried, alike_in_training(tried, self.current), strict=True) if near]
         ended = {score.effect.name: trial for score, trial in tried}
         for score, trial in sorted(alike_ones, key=lambda pair: self.judge.usually_fits(pair[1])):
@@ -344,57 +277,21 @@ class Walk:
                 break  # rivals that promised as much start from where this one led
         return self._by_one_floor([(score, ended[score.effect.name]) for score, _ in tried])
 
-    def _best(self, tried: Tried) -> tuple[Score, Trial] | None:
-        """The trial to accept, if any: what the held-out runs say, or all runs where those cannot judge."""
-        if self.pooled:
-            return next(iter(shown(tried, self.current, self.judge)), None)
+    def _best(self, tried: Tried) -> Chosen | None:
+        """The trial to accept, if any, as the held-out runs say."""
         found = accepted(tried, self.current, self.first, self.judge)
         return None if found is not None and self.slow and moves_break_away_alone(found[1], self.current) else found
 
-    def _needs_second_looks(self, chosen: tuple[Score, Trial] | None) -> bool:
+    def _needs_second_looks(self, chosen: Chosen | None) -> bool:
         """Whether much is left that the leading effects do not explain: on a balance, or, far off, at break-away alone.
 
         Of the training runs as well where nothing helps: a servo rig that lacks nothing mostly has an exact fit (15 of 15).
         """
         much = leaves_much(chosen, self.current) or leaves_far(chosen, self.current)
-        if self.pooled or self.current.added is not None or not much:
+        if self.current.added is not None or not much:
             return False
         far = max(self.current.error, self.current.whole) > FAR_OFF**2 or (chosen is None and self._astray())
         return far or loudest(self.current) > DEFECT_RATIO
-
-    def _by_one_floor(self, tried: Tried) -> Tried:
-        self.judge, self.current, self.first, tried = same_floor(self.judge, self.current, self.first, tried)
-        return tried
-
-    def _take(self, chosen: tuple[Score, Trial] | None, tried: Tried, others: Tried | None = None) -> bool:
-        """Accept an effect, or a better start of the standing model; False where there is neither.
-
-        Rivals are sought among the ``others``, those tried if left out.
-        """
-        others = tried if others is None else others
-        smaller = None if chosen is None else better_without(chosen, self.current, self.judge, self.refitter)
-        if smaller is not None:
-            self.moved.append(BETTER_START.format(np.sqrt(self.current.whole), np.sqrt(smaller.whole)))
-            self.say(self.moved[-1])
-            self.first, self.current = (self.first if self.named else smaller), smaller
-        for score, trial in tried:
-            self._record(score, trial, keep=bool(self.named))
-        if chosen is not None and smaller is None:
-            chosen = self._plainest(chosen, others)
-        self.rungs += [
-            self.rung(trial, False) for _, trial in tried if chosen is None or trial.added != chosen[1].added
-        ]
-        if chosen is None:
-            return False
-        if smaller is not None:
-            own = self.rung(smaller, True)
-            self.rungs = [*self.rungs, own] if self.named else [own, *self.rungs[1:]]
-            alone_exact = chosen[1].fit.exact is not None and self.current.fit.exact is None
-            if (self._cannot_judge() and not alone_exact) or self._best([chosen]) is None:
-                self.rungs.append(self.rung(chosen[1], False))
-                return True
-        self._accept([chosen[0].effect.name], chosen, others)
-        return True
 
     def _take_both(self, both: Joined, tried: Tried) -> None:
         """Accept two effects at once."""
@@ -404,40 +301,8 @@ class Walk:
         self.rungs += [self.rung(trial, False) for _, trial in tried]
         self._accept(both.names, both.firsts[0], both.firsts)
 
-    def _accept(self, names: list[str], chosen: tuple[Score, Trial], others: Tried) -> None:
-        trial = chosen[1]
-        self.rungs.append(self.rung(trial, True))
-        self.named += names
-        if self.pooled:
-            now, after = costs(self.current, trial)
-            self.moved.append(SHOWN.format(names[0], now - after, least_shown(self.current)))
-        self.ambiguous[names[0]] = tuple(score.effect.name for score, _ in self._rivals(chosen, others))
-        errors = f"{np.sqrt(self.current.error):.1f} -> {np.sqrt(trial.error):.1f}"
-        self.say(f"{' and '.join(names)} accepted: held-out error {errors} floors without the worst tenth")
-        self.current = trial
+    def _alike(self, chosen: Chosen, tried: Tried) -> Tried:
+        return alike(chosen, tried, self.current, self.judge)
 
-    def _rivals(self, chosen: tuple[Score, Trial], tried: Tried) -> Tried:
-        """Other effects that explain as much as the chosen one; a friction law that contains it is none."""
-        found = shown(tried, self.current, self.judge) if self.pooled else alike(chosen, tried, self.current, self.judge)
-        others = [pair for pair in found if pair[0] is not chosen[0]]
-        return [pair for pair in others if not contains(pair, chosen)]
-
-    def _plainest(self, chosen: tuple[Score, Trial], tried: Tried) -> tuple[Score, Trial]:
-        """The chosen effect, or what it is in a limit where it gains nothing by being more."""
-        plainer = [pair for pair in self._rivals(chosen, tried) if contains(chosen, pair)]
-        return min(plainer, key=lambda pair: len(pair[1].fit.plant.parameters), default=chosen)
-
-    def _record(self, score: Score, trial: Trial, keep: bool) -> None:
-        """Put a refit's evidence into the ranking; that of the first round stands. Of one to all runs nothing is held out."""
-        name, known = score.effect.name, self.ranking[score.effect.name]
-        if keep and known.hold_out_error_ratio is not None:
-            return
-        if self.pooled:
-            self.ranking[name] = replace(known, p_value=chance(score, trial, self.current))
-        else:
-            self.ranking[name] = as_refitted(score, trial, self.current, self.first)
-
-    def rung(self, trial: Trial, accepted: bool) -> Rung:
-        """The trial as a rung of the ladder."""
-        names, floor = tuple(effect.name for effect in trial.fit.plant.effects), dict(self.judge.floor.value)
-        return Rung(names, trial.added, accepted, trial.train, trial.hold_out, floor, len(trial.fit.plant.parameters))
+    def _evidence(self, score: Score, trial: Trial) -> Candidate:
+        return as_refitted(score, trial, self.current, self.first)
