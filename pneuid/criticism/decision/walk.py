@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from pneuid.criticism.decision.ascent import Ascent, Chosen
 from pneuid.criticism.decision.break_away import AT_BREAK_AWAY, leading_friction, shown_at_break_away
 from pneuid.criticism.decision.diagnosis import Candidate
 from pneuid.criticism.decision.evidence import as_refitted
+from pneuid.criticism.decision.exchange import exchanged
 from pneuid.criticism.decision.leftover import DEFECT_RATIO, FAR_OFF, explained_away, loudest
 from pneuid.criticism.decision.rivals import alike, alike_in_training, led, lookalikes
 from pneuid.criticism.decision.rounds import (
@@ -71,12 +72,13 @@ class Walk(Ascent):
 
     by_all_runs : whether all runs decided, to which then the trials are fitted; lacking : the model fitted to all runs, where
     nothing was named although an effect lowers their cost by more than chance; slow : whether the recordings are too slow to
-    show break-away.
+    show break-away; looked_at : named effects, each with those beside it, for which others were tried in their place.
     """
 
     by_all_runs: bool = False
     lacking: Trial | None = None
     slow: bool = False
+    looked_at: set[tuple[str, frozenset[str]]] = field(default_factory=set)
 
     def step(self) -> bool:
         """One round; False where there is nothing more to gain."""
@@ -192,14 +194,15 @@ class Walk(Ascent):
     def backward(self) -> bool:
         """Try to drop each accepted effect but the last; keep the smaller model where the held-out error hardly rises.
 
-        Whether one was dropped: the smaller model may end elsewhere, where what it lacks shows.
+        Where it rises, what is easily confused with the effect may take its place. Whether the model changed: it may end
+        elsewhere, where what it lacks shows.
 
         What remains is put in order of weight: first the effect without which the training runs cost most. The order in which
         effects were found is that of the prediction of break-away, which a small effect may turn first.
         """
         costlier: dict[str, float] = {}
-        before = len(self.named)
-        for name in list(self.named):
+        before = list(self.named)
+        for name in before:
             if len(self.named) < 2 or name not in {effect.name for effect in self.current.fit.plant.effects}:
                 continue  # a richer friction law took the simple one's place; without it the model is another
             smaller = self.judge.trial(self.refitter.without(self.current.fit, name))
@@ -210,10 +213,30 @@ class Walk(Ascent):
                 self.named = [other for other in self.named if other != name]
                 self.current = smaller
                 continue
+            stands = self._exchange(name, smaller)
             without, now = costs(smaller, self.current)
-            costlier[name] = without - now
+            costlier[stands] = without - now
         self.named.sort(key=lambda name: -costlier.get(name, np.inf))
-        return len(self.named) < before
+        return set(self.named) != set(before)
+
+    def _exchange(self, name: str, smaller: Trial) -> str:
+        """The effect that stands in a named one's place: itself, or another that was confused with it."""
+        place = frozenset(self.named) - {name}
+        if (name, place) in self.looked_at:
+            return name
+        other = exchanged(name, smaller, self.current, self.judge, self.refitter, list(self.catalogue.values()), self.say)
+        stands = name if other is None else other[0].effect.name
+        self.looked_at |= {(name, place), (stands, place)}
+        if other is None:
+            return name
+        score, trial = other
+        self.say(f"{stands} takes the place of {name}: held-out and training runs both say so")
+        self.named = [stands if one == name else one for one in self.named]
+        self.ambiguous.pop(name, None)
+        self._record(score, trial, keep=False)
+        self.rungs.append(self.rung(trial, True))
+        self.current = trial
+        return stands
 
     def _not_missed(self, smaller: Trial) -> bool:
         """Whether a model without one of the effects predicts held-out runs, and fits the training runs, about as well."""

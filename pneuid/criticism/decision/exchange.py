@@ -1,0 +1,38 @@
+"""Of several effects accepted one of which stands in for another that it is easily confused with: that one takes its place.
+
+Which first effect helps beside a second is told before either has reached its end. Beside a leak past the piston a load spring
+whose force hardly changes over the stroke left 7.8 floors and a weight 11.7; led from there, the weight leaves noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pneuid.criticism.decision.acceptance import inside_bounds
+from pneuid.criticism.decision.rivals import alike, lookalikes
+from pneuid.criticism.decision.rounds import Say
+from pneuid.criticism.refitting.refitter import Refitter
+from pneuid.criticism.refitting.trial import Judge, Trial
+from pneuid.criticism.screening.scores import Score, screen
+from pneuid.effect import Effect
+
+
+def exchanged(
+    name: str, smaller: Trial, current: Trial, judge: Judge, refitter: Refitter, candidates: Sequence[Effect], say: Say
+) -> tuple[Score, Trial] | None:
+    """What takes the place of one of a model's effects, and the trial with it, else None.
+
+    name : the effect; smaller : trial of the model without it. Held-out and training runs must both tell the other one from it.
+    """
+    if current.error - 1.0 < judge.small:
+        return None
+    scores = list(screen(smaller.fit, candidates, refitter.order))
+    own = next((score for score in scores if score.effect.name == name), None)
+    if own is None:
+        return None
+    standing = own, current
+    found = [pair for pair in lookalikes(standing, scores, [standing], smaller, judge, refitter, say) if inside_bounds(*pair)]
+    if not found:
+        return None
+    best = min(found, key=lambda pair: pair[1].error)
+    return None if alike(best, [standing], smaller, judge) else best

@@ -1,0 +1,94 @@
+"""Of two accepted effects one that only stands in for another gives its place to that one."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from trials import FIRST, JUDGE, score, stub, walking
+
+from pneuid.criticism.decision import exchange, walk
+from pneuid.criticism.decision.exchange import exchanged
+from pneuid.effects import CATALOGUE
+
+pytestmark = pytest.mark.usefixtures("amplitudes_inside")
+
+BOTH = stub(15.0, 27_000.0, "leakage_internal")
+"""A load spring whose force hardly changes, beside a leak: what is hidden is a weight."""
+
+ALONE = stub(4900.0, 60_000.0, "leakage_internal")
+
+
+def _asked(monkeypatch, end, current=BOTH, screened=("load_spring", "gravity"), inside=True):
+    """What takes the place of the spring where the weight ends at ``end``; and what it was asked of."""
+    seen = []
+
+    def beside(chosen, _scores, tried, standing, *_):
+        seen.append((chosen[0].effect.name, chosen[1], [pair[0].effect.name for pair in tried], standing))
+        return [] if end is None else [(score("gravity", 900.0), stub(*end, "gravity"))]
+
+    monkeypatch.setattr(exchange, "screen", lambda *_: [score(name, 900.0) for name in screened])
+    monkeypatch.setattr(exchange, "lookalikes", beside)
+    monkeypatch.setattr(exchange, "inside_bounds", lambda *_: inside)
+    found = exchanged("load_spring", ALONE, current, JUDGE, SimpleNamespace(order=()), [], lambda _: None)
+    return (None if found is None else found[0].effect.name), seen
+
+
+@pytest.mark.parametrize(
+    ("end", "named"),
+    [
+        ((9.4, 26_500.0), "gravity"),
+        ((9.4, 26_990.0), None),  # the training runs do not tell the two
+        ((14.96, 26_500.0), None),  # nor do the held-out ones
+        (None, None),
+    ],
+)
+def test_both_kinds_of_runs_must_tell_the_other_from_the_one_that_stands(end, named, monkeypatch):
+    found, seen = _asked(monkeypatch, end)
+    assert found == named
+    assert seen == [("load_spring", BOTH, ["load_spring"], ALONE)], "led from the model with both, beside the one that stays"
+
+
+def test_none_is_sought_where_noise_alone_is_left_or_the_effect_cannot_be_put_back(monkeypatch):
+    assert _asked(monkeypatch, (1.0, 20_000.0), current=stub(1.1, 27_000.0)) == (None, [])
+    assert _asked(monkeypatch, (9.4, 26_500.0), screened=("gravity",)) == (None, [])
+
+
+def test_one_whose_amplitude_lies_on_a_bound_takes_no_place(monkeypatch):
+    assert _asked(monkeypatch, (9.4, 26_500.0), inside=False)[0] is None
+
+
+def _walk(monkeypatch, takes):
+    """A walk that named a spring beside a leak, going backward, and the effects that another was sought for."""
+    sought = []
+
+    def other(name, _smaller, current, *_):
+        sought.append((name, current))
+        return takes.get(name)
+
+    monkeypatch.setattr(walk, "exchanged", other)
+    judge = SimpleNamespace(**vars(JUDGE), trial=lambda fit: fit)
+    going = walking(judge, SimpleNamespace(without=lambda *_: ALONE), BOTH)
+    monkeypatch.setattr(going, "rung", lambda trial, accepted: (trial, accepted))
+    monkeypatch.setattr(going, "_record", lambda *_, **__: None)
+    standing = [CATALOGUE[name] for name in ("load_spring", "leakage_internal")]
+    BOTH.fit.plant = ALONE.fit.plant = SimpleNamespace(effects=standing)
+    going.first, going.named = FIRST, ["load_spring", "leakage_internal"]
+    going.ambiguous = {"load_spring": ("friction_position",)}
+    return going, sought
+
+
+def test_what_takes_the_place_is_named_and_is_the_model_that_the_next_round_starts_from(monkeypatch):
+    weight = stub(9.4, 26_500.0, "gravity")
+    weight.fit.plant = SimpleNamespace(effects=[CATALOGUE[name] for name in ("gravity", "leakage_internal")])
+    going, sought = _walk(monkeypatch, {"load_spring": (score("gravity", 900.0), weight)})
+    assert going.backward() and set(going.named) == {"gravity", "leakage_internal"} and going.current is weight
+    assert going.rungs == [(weight, True)] and going.ambiguous == {}
+    assert sought == [("load_spring", BOTH), ("leakage_internal", weight)], "the leak is judged beside what stands now"
+    assert not going.backward() and len(sought) == 2, "the same is not asked twice, nor the one that was replaced"
+
+
+def test_where_none_takes_the_place_nothing_changes(monkeypatch):
+    going, sought = _walk(monkeypatch, {})
+    assert not going.backward() and going.named == ["load_spring", "leakage_internal"] and going.current is BOTH
+    assert [name for name, _ in sought] == going.named and going.ambiguous == {"load_spring": ("friction_position",)}
