@@ -176,6 +176,16 @@ def test_beside_an_effect_that_leaves_noise_alone_a_rival_must_leave_noise_alone
     assert rivals(tried[0], tried) == ("channel_skew",)
 
 
+@pytest.mark.parametrize(
+    ("cost", "open_", "beside"), [(26_100.0, True, ("gravity",)), (26_100.0, False, ()), (26_343.0, True, ())]
+)
+def test_beside_an_effect_that_leaves_noise_alone_a_cheaper_rival_may_leave_what_stays_open(cost, open_, beside):
+    """A constant force on a bench: right, cheaper, and off by what the training runs leave open of viscous friction."""
+    judge = SimpleNamespace(**vars(JUDGE) | {"explains": lambda _: open_})
+    tried = [(score("friction_direction", 800.0), stub(1.09, 26_333.0)), (score("gravity", 790.0), stub(1.3, cost))]
+    assert tuple(pair[0].effect.name for pair in walking(judge)._rivals(tried[0], tried)) == beside
+
+
 @pytest.mark.parametrize(("dahl", "named"), [(1.02, "law:dahl"), (3.0, "law:lugre")])
 def test_of_friction_laws_that_explain_as_much_the_plainest_is_named(dahl, named):
     tried = []
