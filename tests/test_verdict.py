@@ -41,6 +41,23 @@ def test_a_rest_is_reported_where_a_tenth_of_the_excess_is_left_or_three_floors(
 
 
 @pytest.mark.parametrize(
+    ("before", "after", "excused", "by_all_runs", "said"),
+    [
+        (700.0, 37.0, False, False, "unknown"),  # six floors and a twentieth of the excess
+        (700.0, 35.0, False, False, "effect"),
+        (800.0, 37.0, False, False, "effect"),
+        (700.0, 37.0, True, False, "effect"),
+        (700.0, 37.0, False, True, "effect"),
+    ],
+)
+def test_what_leaves_six_floors_and_a_twentieth_stands_beside_something_larger(before, after, excused, by_all_runs, said):
+    """A sensor whose gain drifts passed for its offset: 81 % explained, and 13 floors left."""
+    judge = SimpleNamespace(**vars(JUDGE) | {"explains": lambda _: excused})
+    found = said_of(before, after, judge, by_all_runs)
+    assert (found.verdict, found.effects) == (said, ("gravity",))
+
+
+@pytest.mark.parametrize(
     ("before", "after", "by_all_runs", "said", "rest"),
     [(45.0, 34.0, False, "unknown", True), (45.0, 34.0, True, "effect", False), (15.0, 8.9, False, "effect", False),
      # the effect stands, but a function may explain more than it does

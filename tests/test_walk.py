@@ -177,12 +177,19 @@ def test_beside_an_effect_that_leaves_noise_alone_a_rival_must_leave_noise_alone
 
 
 @pytest.mark.parametrize(
-    ("cost", "open_", "beside"), [(26_100.0, True, ("gravity",)), (26_100.0, False, ()), (26_343.0, True, ())]
+    ("error", "cost", "open_", "beside"),
+    [
+        (1.3, 26_100.0, True, ("gravity",)),
+        (9.0, 26_100.0, True, ("gravity",)),  # by more than 3 % of the gain
+        (1.3, 26_100.0, False, ()),
+        (9.0, 26_100.0, False, ()),
+        (1.3, 26_343.0, True, ()),
+    ],
 )
-def test_beside_an_effect_that_leaves_noise_alone_a_cheaper_rival_may_leave_what_stays_open(cost, open_, beside):
+def test_a_rival_that_costs_no_more_may_leave_what_the_training_runs_leave_open(error, cost, open_, beside):
     """A constant force on a bench: right, cheaper, and off by what the training runs leave open of viscous friction."""
     judge = SimpleNamespace(**vars(JUDGE) | {"explains": lambda _: open_})
-    tried = [(score("friction_direction", 800.0), stub(1.09, 26_333.0)), (score("gravity", 790.0), stub(1.3, cost))]
+    tried = [(score("friction_direction", 800.0), stub(1.09, 26_333.0)), (score("gravity", 790.0), stub(error, cost))]
     assert tuple(pair[0].effect.name for pair in walking(judge)._rivals(tried[0], tried)) == beside
 
 
