@@ -63,9 +63,10 @@ def alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judg
 def _predicts_as_well(trial: Trial, best: Trial, current: Trial, judge: Judge) -> bool:
     """Whether a trial predicts held-out runs about as well as the best one.
 
-    Where that one leaves noise alone, so must it, or no more than noise moves beyond it. What its parameters leave open and cost
-    no more is no reason against it: a constant force on a bench followed all that it could be the training runs to their
-    noise and left 1.14 and 1.32 floors of faster ones; friction by direction, dearer by 234 and 104, left 1.05 and 1.08.
+    Where that one leaves noise alone, so must it, or no more than noise moves beyond it. Where it costs no more, what its
+    parameters leave open is no reason against it: of a constant force on a bench all that it could be followed the training
+    runs to their noise and left 1.14 and 1.32 floors of faster ones; friction by direction, dearer by 234 and 104, left 1.05
+    and 1.08.
     """
     if trial.error - 1.0 >= judge.small and _dearer(best, trial) < SURE and judge.explains(trial):
         return True
