@@ -1,7 +1,7 @@
 """Of several effects accepted one of which stands in for another that it is easily confused with: that one takes its place.
 
 Which first effect helps beside a second is told before either has reached its end. Beside a leak past the piston a load spring
-whose force hardly changes over the stroke left 7.8 floors and a weight 11.7; led from there, the weight leaves noise.
+whose force hardly changes over the stroke left 7.8 floors and a weight, which was hidden, 11.7; at their ends 3.8 and 3.1.
 """
 
 from __future__ import annotations
