@@ -186,11 +186,22 @@ def test_beside_an_effect_that_leaves_noise_alone_a_rival_must_leave_noise_alone
         (1.3, 26_343.0, True, ()),
     ],
 )
-def test_a_rival_that_costs_no_more_may_leave_what_the_training_runs_leave_open(error, cost, open_, beside):
+def test_a_rival_that_costs_less_may_leave_what_the_training_runs_leave_open(error, cost, open_, beside):
     """A constant force on a bench: right, cheaper, and off by what the training runs leave open of viscous friction."""
     judge = SimpleNamespace(**vars(JUDGE) | {"explains": lambda _: open_})
     tried = [(score("friction_direction", 800.0), stub(1.09, 26_333.0)), (score("gravity", 790.0), stub(error, cost))]
     assert tuple(pair[0].effect.name for pair in walking(judge)._rivals(tried[0], tried)) == beside
+
+
+@pytest.mark.parametrize(
+    ("cost", "open_", "named"), [(26_332.0, True, "gravity"), (26_332.0, False, "load_spring"), (26_400.0, True, "load_spring")]
+)
+def test_what_a_spring_is_in_a_limit_is_named_though_it_leaves_what_stays_open(cost, open_, named):
+    judge = SimpleNamespace(**vars(JUDGE) | {"explains": lambda _: open_})
+    tried = [(score("load_spring", 800.0), stub(1.09, 26_333.0)), (score("gravity", 790.0), stub(1.3, cost))]
+    for parameters, (_, trial) in zip((8, 7), tried, strict=True):
+        trial.fit.plant = SimpleNamespace(parameters=[None] * parameters)
+    assert walking(judge)._plainest(tried[0], tried)[0].effect.name == named
 
 
 @pytest.mark.parametrize(("dahl", "named"), [(1.02, "law:dahl"), (3.0, "law:lugre")])

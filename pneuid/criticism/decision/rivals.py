@@ -50,7 +50,7 @@ def alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judg
         """Whether one of those tried is not told from the chosen effect."""
         before, best, other = costs(current, chosen[1], trial)
         mate = score.effect.name in chosen[0].group and abs(other - best) < SURE
-        if mate and (undecided or (excused and judge.explains(trial))):
+        if (mate and (undecided or (excused and judge.explains(trial)))) or _left_open(score, trial, chosen, judge):
             return True
         if before - other > FAR_MORE * (before - best) and best - other > AGREED and trial.error < current.error:
             return True
@@ -63,16 +63,24 @@ def alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judg
 def _predicts_as_well(trial: Trial, best: Trial, current: Trial, judge: Judge) -> bool:
     """Whether a trial predicts held-out runs about as well as the best one.
 
-    Where that one leaves noise alone, so must it, or no more than noise moves beyond it. Where it costs no more, what its
-    parameters leave open is no reason against it: of a constant force on a bench all that it could be followed the training
-    runs to their noise and left 1.14 and 1.32 floors of faster ones; friction by direction, dearer by 234 and 104, left 1.05
-    and 1.08.
+    Where that one leaves noise alone, so must it, or no more than noise moves beyond it.
     """
-    if trial.error - 1.0 >= judge.small and _dearer(best, trial) < SURE and judge.explains(trial):
-        return True
     behind = trial.error - best.error
     ruled_out = best.error - 1.0 < judge.small <= trial.error - 1.0 and behind >= judge.spread
     return behind < TELLING * max(current.error - 1.0, 1e-12) and not ruled_out
+
+
+def _left_open(score: Score, trial: Trial, chosen: tuple[Score, Trial], judge: Judge) -> bool:
+    """Whether a trial leaves no more held out than its parameters leave open, and the training runs speak for it, or do not
+    speak for the chosen effect of which it is a limit.
+
+    Of a constant force on a bench all that it could be followed the training runs to their noise and left 1.14 and 1.32 floors
+    of faster ones; friction by direction, dearer by 234 and 104, left 1.05 and 1.08, a spring at the same cost 1.05.
+    """
+    if trial.error - 1.0 < judge.small:
+        return False
+    most = SURE if score.effect.name in chosen[0].effect.contains else -SURE
+    return _dearer(chosen[1], trial) < most and judge.explains(trial)
 
 
 def _told(better: Trial, other: Trial, judge: Judge) -> bool:
