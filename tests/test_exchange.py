@@ -19,7 +19,7 @@ BOTH = stub(15.0, 27_000.0, "leakage_internal")
 ALONE = stub(4900.0, 60_000.0, "leakage_internal")
 
 
-def _asked(monkeypatch, end, current=BOTH, screened=("load_spring", "gravity"), inside=True):
+def _asked(monkeypatch, end, current=BOTH, screened=("load_spring", "gravity"), inside=True, judge=JUDGE):
     """What takes the place of the spring where the weight ends at ``end``; and what it was asked of."""
     seen = []
 
@@ -30,7 +30,7 @@ def _asked(monkeypatch, end, current=BOTH, screened=("load_spring", "gravity"), 
     monkeypatch.setattr(exchange, "screen", lambda *_: [score(name, 900.0) for name in screened])
     monkeypatch.setattr(exchange, "lookalikes", beside)
     monkeypatch.setattr(exchange, "inside_bounds", lambda *_: inside)
-    found = exchanged("load_spring", ALONE, current, JUDGE, SimpleNamespace(order=()), [], lambda _: None)
+    found = exchanged("load_spring", ALONE, current, judge, SimpleNamespace(order=()), [], lambda _: None)
     return (None if found is None else found[0].effect.name), seen
 
 
@@ -56,6 +56,12 @@ def test_none_is_sought_where_noise_alone_is_left_or_the_effect_cannot_be_put_ba
 
 def test_one_whose_amplitude_lies_on_a_bound_takes_no_place(monkeypatch):
     assert _asked(monkeypatch, (9.4, 26_500.0), inside=False)[0] is None
+
+
+@pytest.mark.parametrize(("predicted", "named"), [(45.0, "gravity"), (68.0, None)])
+def test_one_that_costs_less_and_predicts_the_training_runs_worse_takes_no_place(predicted, named, monkeypatch):
+    judge = SimpleNamespace(**{**vars(JUDGE), "usually_fits": lambda trial: 46.0 if trial is BOTH else predicted})
+    assert _asked(monkeypatch, (9.4, 26_500.0), judge=judge)[0] == named
 
 
 def _walk(monkeypatch, takes):
