@@ -111,7 +111,7 @@ def relaxed_covariance(fit: Fit) -> np.ndarray:
     count = int((~held).sum())
     right = np.zeros((free.size, count))
     right[:count] = np.eye(count)
-    inverse = factorised(H, 1e-12).solve(right)[:count]
+    inverse = factorised(H, count, 1e-12).solve(right)[:count]
     found = np.zeros((problem.nq, problem.nq))
     found[np.ix_(~held, ~held)] = 0.5 * (inverse + inverse.T)
     slope = problem.scaling.slope(q)

@@ -216,7 +216,7 @@ class _Evaluator:
         hessian[self.assembly.pattern.hess_diagonal[held]] *= 1e12
         with np.errstate(over="ignore", invalid="ignore"):
             try:
-                step = factorised(self.assembly.hessian_matrix(hessian)).solve(gradient)
+                step = factorised(self.assembly.hessian_matrix(hessian), self.problem.nq).solve(gradient)
             except RuntimeError:  # SuperLU: a variable that nothing sees at this point
                 return np.zeros(X.size), np.inf
             if not np.all(np.isfinite(step)):

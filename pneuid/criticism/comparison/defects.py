@@ -48,7 +48,7 @@ def noise_jumps(problem: Shooting, X: np.ndarray) -> np.ndarray:
     """
     at = problem.evaluate(X)
     _, hessian = relaxed_system(problem, X)
-    solver = factorised(hessian, 1e-12)
+    solver = factorised(hessian, problem.nq, 1e-12)
     nq, ns, width = problem.nq, problem.ns, problem.nq + problem.ns
     blocks = at.gram[:, :width, :width]
     vectors, values = np.linalg.eigh(blocks)[::-1]

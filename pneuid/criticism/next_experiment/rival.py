@@ -94,7 +94,7 @@ class Rival:
         twice, pull = index < problem.nq, problem.prior_residual(X)
         gradient[index[twice]] -= pull[twice] * inverse[twice]
         total += 0.5 * float(np.sum(pull[~twice] ** 2))
-        step = factorised(hessian + known).solve(gradient)
+        step = factorised(hessian + known, problem.nq).solve(gradient)
         return max(2.0 * (total - 0.5 * float(gradient @ step)), 0.0)
 
     def _columns(self, inputs: np.ndarray) -> np.ndarray:

@@ -134,7 +134,7 @@ class Fitted:
         gradient, hessian = relaxed_system(problem, X)
         H = hessian[self.free][:, self.free]
         self.gradient = gradient[self.free]
-        self.solver = factorised(H)
+        self.solver = factorised(H, int((~held).sum()))
         self.rows, self.ends = problem.jacobian(X)
         self.ends = self.ends[problem.linked] / problem.relaxation
         values = dict(zip(problem.free, problem.scaling.to_values(q), strict=True))
