@@ -144,6 +144,11 @@ class Rig:
         """Signals that this kind of rig can record."""
         return SERVO_SIGNALS if self.kind == "servo" else BENCH_SIGNALS
 
+    @property
+    def chambers(self) -> tuple[str, ...]:
+        """Pressures of the chambers that the rig has: one side of a bench may be open, or both."""
+        return tuple(name for name, area in (("p1", self.A1), ("p2", self.A2)) if area > 0.0)
+
 
 def _build(raw: dict[str, Any], parsed: RigFile, where: str) -> Rig:
     """The rig in SI from a file whose keys are checked one by one; checks what concerns several keys."""

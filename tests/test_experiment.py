@@ -15,6 +15,7 @@ from pneuid.effects import CATALOGUE, effects_by_name
 from pneuid.estimation.fit import fit
 from pneuid.plant import Plant
 from pneuid.recording import Recording
+from pneuid.rig import Rig
 from pneuid.virtual_rig import Hidden, TruthBench, record_bench, strokes
 
 AXIS = Axis(0.06, 0.44, 0.6)
@@ -70,13 +71,14 @@ def test_what_acts_alike_stays_together_and_the_rest_is_told_apart():
     assert _groups(2, []) == [[0], [1]]
 
 
-def _bench_fits(names):
-    own = rig("bench")
+def _bench_fits(names, own=None):
+    own = own or rig("bench")
     truth, seen = TruthBench(), []
     for i, (speeds, p1, p2) in enumerate((((0.002, 0.05), 3e5, 2e5), ((0.01, 0.1), 1e5, 4e5))):
         motion = strokes(speeds, longest=0.5, dwell=0.2)
         record = record_bench(truth, p1 + truth.patm, p2 + truth.patm, motion, Hidden(gravity=12.0), seed=i)
-        seen.append(Recording.from_arrays(f"run_{i}.csv", own, **record))
+        recorded = {name: column for name, column in record.items() if name[0] != "p" or name in own.chambers}
+        seen.append(Recording.from_arrays(f"run_{i}.csv", own, **recorded))
     return [fit(Plant(own, "lugre", effects_by_name([name])), seen, exact=False) for name in names]
 
 
@@ -92,6 +94,19 @@ def test_a_bench_is_offered_a_motion_and_told_what_no_motion_tells():
     known = fits[0].ranges
     assert found.command.x.min() >= known["x_low"] - 1e-9 and found.command.x.max() <= known["x_high"] + 1e-9
     assert set(found.command.inputs) == {"p1", "p2"}
+
+
+@pytest.mark.parametrize(("stated", "pressures"), [(("bore",), {"p1"}), ((), set())], ids=["rod_side_open", "rod_alone"])
+def test_a_bench_with_open_sides_is_offered_a_motion_with_the_pressures_that_it_has(stated, pressures):
+    raw = rig("bench").to_dict()
+    own = Rig.from_dict({**raw, "cylinder": {key: raw["cylinder"][key] for key in (*stated, "stroke")}})
+    names = ["gravity", "friction_direction"]
+    found = propose(_bench_fits(names, own), [CATALOGUE[name] for name in names])
+    assert found is not None and found.command is not None
+    assert set(found.command.inputs) == pressures == set(own.chambers)
+    assert found.command.csv(own.patm, gauge=True).splitlines()[0] == ",".join(
+        ["t [s]", *(f"{name} [kPa]" for name in sorted(pressures)), "x [mm]"]
+    )
 
 
 def test_nothing_is_proposed_among_effects_that_act_alike():

@@ -135,7 +135,7 @@ def _on_bench(rivals: Sequence[Rival], excitation: Excitation, seconds: float) -
     done = tuple(rival.played(_unstrained(rival), inputs) for rival in rivals)
     if not all(np.all(np.isfinite(one.outputs)) for one in done):
         return None
-    return Scene(Command(t, x, {"p1": p1, "p2": p2}), inputs, done)
+    return Scene(Command(t, x, {name: given[name] for name in first.plant.rig.chambers}), inputs, done)
 
 
 def _unstrained(rival: Rival) -> np.ndarray:

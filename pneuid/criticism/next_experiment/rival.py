@@ -111,7 +111,9 @@ class Rival:
         plant, data = self.plant, self._columns(inputs)
         names = (*plant.inputs, *plant.outputs)
         signals = {name: row for name, row in zip(names, (*inputs, *outputs), strict=True) if name != "a"}
-        record = Recording.from_arrays("next.csv", plant.rig, t=t, **signals)
+        open_sides = {"p1", "p2"} - set(plant.rig.chambers)
+        seen = {name: row for name, row in signals.items() if name not in open_sides}
+        record = Recording.from_arrays("next.csv", plant.rig, t=t, **seen)
         count = len(plant.outputs)
         data[-2 * count : -count] = outputs
         data[-count:] = np.array([[1.0 / self.fit.noise[name]] for name in plant.outputs])
