@@ -90,6 +90,19 @@ def test_a_refit_lowers_the_cost_by_what_is_missing_and_not_by_what_is_not():
     assert base.loose_cost - leak.loose_cost > 5 * max(base.loose_cost - weight.loose_cost, 1.0)
 
 
+def test_the_model_without_an_effect_is_not_lost_where_loose_defects_lead_astray_from_an_exact_fit(monkeypatch):
+    base = base_fit()
+    relaxed = refit(Standing.of(base), ASKED[1], ORDER)
+    exact = Refitter(ORDER).completed(relaxed)
+    assert exact.exact is not None
+    dear = 3.0 * base.relaxed_cost
+    astray = replace(Solution.of(base), cost=dear, loose_cost=dear).fit(base.plant, base.runs, base.noise)
+    monkeypatch.setattr("pneuid.criticism.refitting.refits._warm", lambda *_: astray)
+    assert Refitter(ORDER).without(relaxed, "gravity") is astray
+    found = Refitter(ORDER).without(exact, "gravity")
+    assert found.plant.effects == () and found.loose_cost < 1.01 * base.loose_cost
+
+
 def test_break_away_is_read_anew_where_that_costs_clearly_less():
     """A fit of the right model that was held at a stiff, undamped bristle; one at its end stays as it is."""
     base = base_fit("")

@@ -116,7 +116,7 @@ class Refitter:
 
     def without(self, base: Fit, name: str) -> Fit:
         """The fit without one of the effects."""
-        return without(Standing.of(base), name, self.monitor)
+        return without(base, name, self.monitor)
 
     def on(self, base: Fit, runs: Sequence[Run]) -> Fit:
         """The same model fitted to other runs."""
