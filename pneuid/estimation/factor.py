@@ -27,7 +27,7 @@ def factorised(hessian: sp.spmatrix, border: int, ridge: float = 1e-9) -> Factor
     The pattern is an arrow: a band of nodes bordered by parameters, the first ``border`` variables. With these last and the
     nodes as they follow one another in time nothing but the band and the border fills in. An order sought for that (minimum
     degree) takes a time that grows with the square of a record's length: at 27,000 variables 9 s, the factor itself 0.06 s.
-    Raises ``RuntimeError`` where a variable is in nothing.
+    Raises ``RuntimeError`` where it is singular all the same.
     """
     H = sp.csc_matrix(hessian)
     raised = (H + sp.diags(ridge * H.diagonal() + 1e-3 * ridge)).tocsc()
