@@ -45,8 +45,12 @@ class Processes:
     def each(self, function: Callable[[T], R], items: Sequence[T]) -> Iterator[tuple[int, R]]:
         """See ``Pool``."""
         pending = {self._pool.submit(function, item): place for place, item in enumerate(items)}
-        for future in as_completed(pending):
-            yield pending[future], future.result()
+        try:
+            for future in as_completed(pending):
+                yield pending[future], future.result()
+        finally:  # also where nobody waits for the rest: what has not begun is not worth a processor
+            for future in pending:
+                future.cancel()
 
     def close(self) -> None:
         """End the processes; tasks that have not begun never do, so an interrupt waits for the running ones only."""
