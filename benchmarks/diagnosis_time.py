@@ -1,6 +1,6 @@
 """Wall clock of a full diagnosis: three training and two held-out runs of 6 s at 1 kHz, by the commands a user types.
 
-    python benchmarks/diagnosis_time.py [--every 9] [--seed 1] [--workers 2]
+    python benchmarks/diagnosis_time.py [--every 9] [--seed 1] [--workers N]
 
 Takes every n-th of the servo cases of ``hidden_effects.py`` and prints for each the seconds of ``pneuid.identify`` and of
 ``pneuid.diagnose``, their start and compilation included. The first case also fills the cache of compiled functions.
@@ -45,7 +45,7 @@ def command(folder: Path, *words: str) -> float:
     return time.monotonic() - began
 
 
-def timed(case: Case, workers: int) -> dict[str, object]:
+def timed(case: Case, workers: int | None) -> dict[str, object]:
     """Seconds of both commands, and what the diagnosis said."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -54,7 +54,7 @@ def timed(case: Case, workers: int) -> dict[str, object]:
         fitted = command(folder, "pneuid.identify", "--rig", "rig.toml", "--data", *train, "--out", "fit")
         found = command(
             folder, "pneuid.diagnose", "fit/model.json", "--data", *train, "--hold-out", *held, "--out", "diagnosis",
-            "--workers", str(workers),
+            *(() if workers is None else ("--workers", str(workers))),
         )  # fmt: skip
         said = json.loads((folder / "diagnosis" / "diagnosis.json").read_text())
     return {"key": case.key, "identify": fitted, "diagnose": found, "verdict": said["verdict"], "effects": said["effects"]}
@@ -65,7 +65,7 @@ def main(given: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--every", type=int, default=9)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--workers", type=int, help="processes of the diagnosis; as the command has it when left out")
     chosen = parser.parse_args(given)
     rows = []
     for case in [one for one in cases([chosen.seed], []) if one.category == "servo"][:: chosen.every]:

@@ -74,6 +74,23 @@ def test_three_of_what_promises_as_much_start_again_with_the_chosen_effect(monke
     assert seen == list(names[:4])
 
 
+@pytest.mark.parametrize(
+    ("left", "seen"), [(8.0, ["load_spring", "gravity"]), (20.0, ["load_spring", "gravity", "friction_lag"])]
+)
+def test_beside_what_leaves_next_to_nothing_only_what_is_not_far_behind_starts_again(left, seen, monkeypatch):
+    errors = (("load_spring", left), ("gravity", left + 2.0), ("friction_lag", 90.0))
+    tried = [(score(name, 900.0), stub(error, 25_000.0, name)) for name, error in errors]
+    found = []
+    monkeypatch.setattr(walk, "refitted", lambda *_: tried)
+    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
+    monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
+    monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
+    monkeypatch.setattr(walk, "settled", lambda _, trial, *__: found.append(trial.added) or trial)
+    monkeypatch.setattr(walk, "led", lambda _, found, *__: found)
+    walking()._round([], 15.0)
+    assert found == seen
+
+
 @pytest.mark.parametrize(("led_to", "named"), [(1.02, "gravity"), (4.0, "load_spring")])
 def test_what_is_led_to_a_better_end_than_the_chosen_effect_takes_its_place(led_to, named, monkeypatch):
     names = (("load_spring", 1.1), ("gravity", 130.0))

@@ -136,13 +136,8 @@ def led(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge,
 
     A fit that ended at a wrong optimum is no evidence against its effect.
     """
-    left = chosen[1].error - 1.0
-    if not follows(chosen[1]) and left > NEXT_TO_NOTHING * (current.error - 1.0):
-        return tried
-    alike_ones = promised_alike(chosen[0], tried)
-    behind = [pair for pair in alike_ones if not follows(pair[1]) and pair[1].error - 1.0 > BEHIND * left][:LED]
     found = {}
-    for score, trial in behind:
+    for score, trial in stayed_behind(chosen, promised_alike(chosen[0], tried), current)[:LED]:
         name = score.effect.name
         say(f"{name} from where {chosen[0].effect.name} led")
         asked = Asked(score.effect, score.whole_start, score.gain)
@@ -151,6 +146,14 @@ def led(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge,
         if end.error < trial.error:
             found[name] = end
     return [(score, found.get(score.effect.name, trial)) for score, trial in tried]
+
+
+def stayed_behind(chosen: tuple[Score, Trial], others: Tried, current: Trial) -> Tried:
+    """Of the ``others`` those that leave far more than a chosen effect which leaves next to nothing; none where it does not."""
+    left = chosen[1].error - 1.0
+    if not follows(chosen[1]) and left > NEXT_TO_NOTHING * (current.error - 1.0):
+        return []
+    return [pair for pair in others if not follows(pair[1]) and pair[1].error - 1.0 > BEHIND * left]
 
 
 def lookalikes(

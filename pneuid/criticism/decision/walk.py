@@ -23,7 +23,7 @@ from pneuid.criticism.decision.diagnosis import Candidate
 from pneuid.criticism.decision.evidence import as_refitted
 from pneuid.criticism.decision.exchange import exchanged
 from pneuid.criticism.decision.leftover import DEFECT_RATIO, FAR_OFF, explained_away, loudest
-from pneuid.criticism.decision.rivals import alike, alike_in_training, led, lookalikes
+from pneuid.criticism.decision.rivals import alike, alike_in_training, led, lookalikes, stayed_behind
 from pneuid.criticism.decision.rounds import (
     all_explained,
     leaves_far,
@@ -265,15 +265,19 @@ class Walk(Ascent):
             if chosen is None or chosen[0].effect.name in known:
                 return tried, chosen
             # a look-alike has taken the place of one whose equals were started again
-            equals = [] if late else promised_alike(chosen[0], tried)[:EQUALS]
+            equals, behind = [] if late else promised_alike(chosen[0], tried)[:EQUALS], set[str]()
             for one in (chosen, *equals):
-                if one[0].effect.name in known:
+                if one[0].effect.name in known or one[0].effect.name in behind:
                     continue
                 known.add(one[0].effect.name)
                 better = settled(*one, self.current, self.judge, self.refitter, self.say)
                 tried = [(score, better if score is one[0] else trial) for score, trial in tried]
-                if one is chosen and follows(better):
+                if one is not chosen:
+                    continue
+                if follows(better):
                     break  # nothing is wrong with what follows whole runs to their noise
+                # those start from where this one led
+                behind = {score.effect.name for score, _ in stayed_behind((one[0], better), equals, self.current)}
             # what fits the training runs better may predict worse; then another is the best, or none
             chosen = self._best(tried)
 
