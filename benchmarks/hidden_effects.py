@@ -10,7 +10,8 @@ serves every case but the varied ones, null cases included: multisine, moves to 
 ramps. Categories:
 
 - ``servo``: each effect, weak and strong, at the default bore, half and twice of it
-- ``bench``: the same on the friction bench, friction laws that are too simple included
+- ``bench``: the same on the friction bench, friction laws that are too simple included; held-out speeds and pressures leave the
+  range of the training runs. ``within``: the same benches with held-out runs that stay inside it, as the guide asks
 - ``varied``: each effect with rig, excitations, strength and form drawn at random (``varied_cases.py``)
 - ``pair``: two effects at once; ``outside``: effects that the catalogue does not hold
 - ``null``: random rigs (bore 10 to 200 mm, 0.1 to 100 kg, 100 Hz to 10 kHz) and the default one, nothing hidden; ``sheet``: the
@@ -81,6 +82,9 @@ PLAN = [
 DRAWN = 1000
 """Seeds of varied cases per seed of the benchmark."""
 
+FASTEST = 0.15
+"""Highest speed on the bench, m/s, but for the sines of ``bench``."""
+
 TRAINING = 3
 TOP_SUPPLY = 7e5  # Pa gauge, of the rigs that are not drawn at random
 KNOWN = CATALOGUE | LAW_STEPS
@@ -124,7 +128,7 @@ def cases(seeds: Sequence[int], nulls: Sequence[int]) -> Iterator[Case]:
         for level in ("strong", "weak"):
             size = tuple(BORES)[(i + (level == "weak")) % len(BORES)]
             yield from (Case("servo", size, (name,), level, seed) for name in HIDDEN_EFFECTS)
-            yield from (Case("bench", size, (name,), level, seed) for name in BENCH_EFFECTS)
+            yield from (Case(bench, size, (name,), level, seed) for bench in ("bench", "within") for name in BENCH_EFFECTS)
         yield from (Case("bench", "default", (law,), "strong", seed) for law in LAWS)
         yield from (Case("varied", "random", (name,), "drawn", _own(seed, j)) for j, name in enumerate(HIDDEN_EFFECTS))
         yield from (Case("varied", "random bench", (name,), "drawn", _own(seed, j)) for j, name in enumerate(BENCH_EFFECTS))
@@ -221,10 +225,25 @@ def _motions(seed: int) -> list[tuple[Motion, float, float]]:
     ]  # fmt: skip
 
 
+def _motions_within(seed: int) -> list[tuple[Motion, float, float]]:
+    """The same with held-out runs whose places, speeds and pressures lie inside the range of the training ones."""
+    rng = np.random.default_rng((seed, 7))
+    trained, unseen = (np.exp(rng.uniform(np.log(5e-4), np.log(FASTEST), 4)).tolist() for _ in range(2))
+    amplitude, frequency = rng.uniform(0.02, 0.08), rng.uniform(0.3, 1.0)
+    frequency = min(frequency, 0.95 * FASTEST / (2 * np.pi * amplitude))
+    return [
+        (strokes([*trained[:3], FASTEST], longest=1.5, dwell=0.1), 3e5, 2.5e5),
+        (reciprocation(amplitude=0.4e-3, turning=0.04), 1e5, 4e5),
+        (strokes([trained[3], FASTEST], longest=1.5, dwell=1.0), 5e5, 1e5),
+        (strokes(unseen, longest=0.8, dwell=0.4), 4e5, 3e5),
+        (sine(amplitude=amplitude, frequency=frequency, cycles=3), 2e5, 2e5),
+    ]  # fmt: skip
+
+
 def bench_runs(case: Case) -> tuple[list[Recording], list[Recording], Rig]:
     """Training runs, held-out runs and the rig file of a bench case."""
     drawn = bench_rig(case)
-    plan = drawn_motions(case.seed) if case.category == "varied" else _motions(case.seed)
+    plan = {"varied": drawn_motions, "within": _motions_within}.get(case.category, _motions)(case.seed)
     rig = Rig.from_dict(tomllib.loads(drawn.rig_toml("coulomb" if case.names and case.names[0] in LAWS else "lugre")))
     hidden = hidden_of(case, drawn.truth.bore)
     runs = [
@@ -241,7 +260,7 @@ def bench_runs(case: Case) -> tuple[list[Recording], list[Recording], Rig]:
 
 def on_bench(case: Case) -> bool:
     """Whether the case stands on the friction bench."""
-    return case.category == "bench" or case.rig.endswith("bench")
+    return case.category in ("bench", "within") or case.rig.endswith("bench")
 
 
 def runs_of(case: Case) -> tuple[list[Recording], list[Recording], Rig]:
