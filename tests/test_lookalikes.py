@@ -6,7 +6,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from trials import FIRST, JUDGE, score, stub, walking
+from trials import FIRST, JUDGE, one_round, score, stub, walking
 
 from pneuid.criticism.decision import ascent, rivals, walk
 from pneuid.criticism.decision.rivals import LOOKALIKES, lookalikes
@@ -101,7 +101,7 @@ def test_one_that_leaves_less_takes_the_place_and_bears_other_starts_itself(left
     monkeypatch.setattr(walk, "lookalikes", beside)
     walked = walking(current=first)
     walked.first = first
-    tried, chosen = walked._round([], 15.0)
+    tried, chosen = one_round(walked, [])
     assert chosen[0].effect.name == named and ("gravity" in settled) is again
     assert [pair[0].effect.name for pair in tried][::2] == ["friction_direction", "gravity"], "told among those tried"
     assert "friction_pressure" not in settled, "what promised more than the look-alike has had its turn"

@@ -43,7 +43,7 @@ ALONE = [
 """Two that fit the training runs four times as well and predict worse, and one that does a little of both."""
 
 
-def _joined(monkeypatch, ends, tried=ALONE, alone=None):
+def _joined(monkeypatch, ends, tried=ALONE, alone=None, most=float("inf")):
     base = stub(7000.0, 43_000.0)
     seconds = [score("leakage_internal", 9e3), score("valve_offset", 8e3)]
     monkeypatch.setattr(together, "screen", lambda *_: seconds)
@@ -54,7 +54,7 @@ def _joined(monkeypatch, ends, tried=ALONE, alone=None):
         trial=lambda made, added: named_stub(*made, added),
     )
     refitter = Making(**ends)
-    found = together.joined(base, base, tried, alone, judge, refitter, [], lambda _: None)
+    found = together.joined(base, base, tried, alone, judge, refitter, [], lambda _: None, most)
     return found, refitter.asked
 
 
@@ -87,13 +87,20 @@ def test_two_effects_are_not_taken_for_what_one_or_none_explains(tried, alone, e
     assert found is None
 
 
+@pytest.mark.parametrize(("most", "taken"), [(0.05, True), (0.03, False)])
+def test_before_second_looks_two_effects_must_leave_next_to_nothing(most, taken, monkeypatch):
+    """They leave 3.1 % of the excess."""
+    found, _ = _joined(monkeypatch, PAIRS, most=most)
+    assert (found is not None) is taken
+
+
 def test_both_effects_are_named_ranked_and_one_rung(monkeypatch):
     found, _ = _joined(monkeypatch, PAIRS)
     at = walking()
     at.ranking = {name: as_screened(score(name, 1e3)) for name in CATALOGUE}
     monkeypatch.setattr(Walk, "rung", lambda _self, trial, accepted: (trial.added, accepted))
     monkeypatch.setattr(Walk, "_record", lambda own, one, *_, **__: own.ranking.update({one.effect.name: "refitted"}))
-    at._take_both(found, ALONE)
+    at._accept_both(found, ALONE)
     assert at.named == ["gravity", "leakage_internal"] and at.current is found.trial
     assert at.rungs[-1] == ("gravity, leakage_internal", True) and not any(taken for _, taken in at.rungs[:-1])
     assert {name for name, item in at.ranking.items() if item == "refitted"} == {

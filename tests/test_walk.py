@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
-from trials import FIRST, JUDGE, score, stub, walking
+from trials import FIRST, JUDGE, one_round, score, stub, walking
 
 from pneuid.criticism.decision import ascent, leftover, verdict, walk
 from pneuid.criticism.decision.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.criticism.decision.rivals import better_without
 from pneuid.criticism.decision.verdict import _verdict
 from pneuid.criticism.decision.walk import Walk
+from pneuid.criticism.refitting.restarts import NEXT_TO_NOTHING
 from pneuid.criticism.screening.scores import Score
 from pneuid.effects import CATALOGUE, LAW_STEPS
 from pneuid.report.summary import verdict_lines
@@ -34,7 +36,7 @@ def test_what_reading_break_away_anew_makes_worse_is_the_best_no_longer(read_ane
     monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
     monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
     monkeypatch.setattr(walk, "settled", lambda _, trial, *__: ends[trial.added])
-    after, chosen = walking()._round([], 15.0)
+    after, chosen = one_round(walking(), [])
     assert chosen is not None and chosen[0].effect.name == named and chosen[1] is ends[named]
     assert after[0][1] is ends["load_mass"], "what was tried is told as it ended"
 
@@ -56,7 +58,7 @@ def test_where_the_chosen_effect_follows_whole_runs_nothing_alike_starts_again(p
     monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
     monkeypatch.setattr(walk, "settled", ended)
     monkeypatch.setattr(walk, "led", lambda _, found, *__: found)
-    chosen = walking()._round([], 15.0)[1]
+    chosen = one_round(walking(), [])[1]
     assert chosen is not None and chosen[0].effect.name == "backlash" and seen == looked_at
 
 
@@ -70,7 +72,7 @@ def test_three_of_what_promises_as_much_start_again_with_the_chosen_effect(monke
     monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
     monkeypatch.setattr(walk, "settled", lambda _, trial, *__: seen.append(trial.added) or trial)
     monkeypatch.setattr(walk, "led", lambda _, found, *__: found)
-    walking()._round([], 15.0)
+    one_round(walking(), [])
     assert seen == list(names[:4])
 
 
@@ -87,7 +89,7 @@ def test_beside_what_leaves_next_to_nothing_only_what_is_not_far_behind_starts_a
     monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
     monkeypatch.setattr(walk, "settled", lambda _, trial, *__: found.append(trial.added) or trial)
     monkeypatch.setattr(walk, "led", lambda _, found, *__: found)
-    walking()._round([], 15.0)
+    one_round(walking(), [])
     assert found == seen
 
 
@@ -100,7 +102,7 @@ def test_what_is_led_to_a_better_end_than_the_chosen_effect_takes_its_place(led_
     monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
     monkeypatch.setattr(walk, "settled", lambda _, trial, *__: trial)
     monkeypatch.setattr(walk, "led", lambda _, found, *__: [found[0], (found[1][0], end)])
-    assert walking()._round([], 15.0)[1][0].effect.name == named
+    assert one_round(walking(), [])[1][0].effect.name == named
 
 
 def test_an_effect_that_does_not_bear_reading_break_away_anew_is_not_accepted(monkeypatch):
@@ -110,7 +112,7 @@ def test_an_effect_that_does_not_bear_reading_break_away_anew_is_not_accepted(mo
     monkeypatch.setattr(walk, "second_looks", lambda *_: tried)
     monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
     monkeypatch.setattr(walk, "settled", lambda *_: stub(180.0, 42_800.0, "backlash"))
-    assert walking()._round([], 15.0)[1] is None
+    assert one_round(walking(), [])[1] is None
 
 
 def test_where_the_leading_effect_does_not_bear_other_starts_a_second_look_finds_what_it_hid(monkeypatch):
@@ -129,7 +131,7 @@ def test_where_the_leading_effect_does_not_bear_other_starts_a_second_look_finds
     monkeypatch.setattr(walk, "overtaking", lambda _current, _first, _scores, tried, *_: tried)
     monkeypatch.setattr(walk, "settled", lambda _, trial, *__: ends.get(trial.added, trial))
     monkeypatch.setattr(walk, "led", lambda _, found, *__: found)
-    _, chosen = walking()._round([heat], 15.0)
+    _, chosen = one_round(walking(), [heat])
     assert chosen is not None and chosen[0] is silencer
     assert len(looks) == 1 and looks[0][0][1].error == 180.0, "once, and with the end that the other start led to"
 
@@ -142,7 +144,7 @@ def test_steps_are_looked_at_in_every_round_by_held_out_runs(current, monkeypatc
     monkeypatch.setattr(ascent, "same_floor", lambda judge, now, first, found: (judge, now, first, found))
     monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
     monkeypatch.setattr(walk, "second_looks", lambda _current, _scores, tried, *_: tried)
-    assert walking(current=current)._round([], 15.0) == ([], None) and len(seen) == 1
+    assert one_round(walking(current=current), []) == ([], None) and len(seen) == 1
 
 
 @pytest.mark.parametrize(
@@ -379,6 +381,23 @@ def test_a_richer_friction_law_cannot_be_taken_out():
     assert better_without((score("load_mass", 100.0), richer), FIRST, SimpleNamespace(), SimpleNamespace()) is None
 
 
+def test_a_pair_that_leaves_next_to_nothing_spares_the_second_looks_and_another_one_is_asked_after_them(monkeypatch):
+    asked = []
+
+    def two(at, _tried, _chosen, most=np.inf):
+        asked.append(most)
+        return most < 1.0 and at.first is FIRST
+
+    monkeypatch.setattr(ascent, "screen", lambda *_: [])
+    for name, stand_in in {"_first_looks": lambda *_: [], "_take_two": two, "_round": lambda *_: ([], None)}.items():
+        monkeypatch.setattr(Walk, name, stand_in)
+    monkeypatch.setattr(Walk, "_take", lambda *_: True)
+    assert walking().step() and asked == [NEXT_TO_NOTHING]
+    other = walking()
+    other.first = stub(145.0, 43_000.0)
+    assert other.step() and asked == [NEXT_TO_NOTHING, NEXT_TO_NOTHING, np.inf]
+
+
 @pytest.mark.parametrize(("error", "named"), [(19.0, []), (2.0, ["load_mass"])])
 def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(error, named, monkeypatch):
     """The effect leaves 19 or 2 where the base of 145 leaves 20 from where the effect led."""
@@ -386,14 +405,14 @@ def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(
     judge = SimpleNamespace(**vars(JUDGE), trial=lambda _: FIRST, held=())
     base, turns = SimpleNamespace(plant=None, noise=None), []
 
-    def one_round(self, *_):
+    def turn(self, *_):
         turns.append(self.current)
         tried = [(lead, chosen)] if len(turns) == 1 else []
         return tried, (tried[0] if tried else None)
 
     replaced = {
-        "_round": one_round, "rung": lambda _self, trial, accepted: (trial, accepted), "backward": lambda _self: False,
-        "_by_all_runs": lambda *_: False,
+        "_first_looks": lambda *_: [], "_round": turn, "rung": lambda _self, trial, accepted: (trial, accepted),
+        "backward": lambda _self: False, "_by_all_runs": lambda *_: False,
     }
     for name, stand_in in replaced.items():
         monkeypatch.setattr(Walk, name, stand_in)
@@ -444,7 +463,8 @@ def test_a_model_that_no_parameters_make_follow_is_refitted_with_what_promises_l
     walk_ = walking(current=current)
     monkeypatch.setattr(walk_, "_cannot_judge", lambda: False)
     monkeypatch.setattr(walk_, "_screened", lambda _: [])
-    monkeypatch.setattr(walk_, "_round", lambda _scores, drop: seen.append(drop) or ([], ([], current)))
+    monkeypatch.setattr(walk_, "_first_looks", lambda _scores, drop: seen.append(drop) or [])
+    monkeypatch.setattr(walk_, "_round", lambda *_: ([], ([], current)))
     monkeypatch.setattr(walk_, "_take", lambda *_: True)
     monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
     assert walk_.step() and seen == [least]

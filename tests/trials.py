@@ -51,3 +51,8 @@ class Counting:
 def walking(judge=JUDGE, refitter=None, current=FIRST) -> Walk:
     """A walk from ``current``, by whose refitter no fit leads to an exact one."""
     return Walk(judge, current, FIRST, CATALOGUE, refitter or SimpleNamespace(completed=lambda fit: fit), lambda _: None)
+
+
+def one_round(walk: Walk, scores: list[Score]):
+    """What a walk tries in one round, and what it would accept."""
+    return walk._round(scores, walk._first_looks(scores, 15.0))

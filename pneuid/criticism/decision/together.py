@@ -55,14 +55,15 @@ class Joined:
 
 def joined(
     current: Trial, original: Trial, tried: Tried, alone: tuple[Score, Trial] | None, judge: Judge, refitter: Refitter,
-    candidates: Sequence[Effect], say: Say,
+    candidates: Sequence[Effect], say: Say, most: float = np.inf,
 ) -> Joined | None:  # fmt: skip
     """Two effects that explain at once what none alone does, else None.
 
-    original : the base model's trial; alone : the effect to be accepted otherwise.
+    original : the base model's trial; alone : the effect to be accepted otherwise; most : share of the excess that the two may
+    leave before their break-away is read anew.
     """
     found = together(current, tried, judge, refitter, candidates, say)
-    if found is None:
+    if found is None or found[1][0][1].error - 1.0 > most * (current.error - 1.0):
         return None
     second, firsts = found
     judge, current, original, firsts = same_floor(judge, current, original, firsts)

@@ -35,7 +35,7 @@ from pneuid.criticism.decision.rounds import (
 )
 from pneuid.criticism.decision.together import Joined, joined
 from pneuid.criticism.decision.walk_on_all import WalkOnAll
-from pneuid.criticism.refitting.restarts import followed, follows, settled
+from pneuid.criticism.refitting.restarts import NEXT_TO_NOTHING, followed, follows, settled
 from pneuid.criticism.refitting.trial import Trial
 from pneuid.criticism.screening.scores import Score
 from pneuid.estimation.fit import Fit
@@ -84,14 +84,14 @@ class Walk(Ascent):
         """One round; False where there is nothing more to gain."""
         if self._cannot_judge():
             return not self.named and (self._by_training_runs() or self._by_all_runs(OPEN))
-        candidates = list(self.catalogue.values())
         scores = self._screened(self.current)
-        tried, chosen = self._round(scores, least_drop(self.current))
-        if self.current.added is None and leaves_much(chosen, self.current):
-            both = joined(self.current, self.first, tried, chosen, self.judge, self.refitter, candidates, self.say)
-            if both is not None:
-                self._take_both(both, tried)
-                return True
+        tried = self._first_looks(scores, least_drop(self.current))
+        # a pair that leaves next to nothing needs no second look at what it hides
+        if self._take_two(tried, self._best(tried), NEXT_TO_NOTHING):
+            return True
+        tried, chosen = self._round(scores, tried)
+        if self._take_two(tried, chosen):
+            return True
         at_break_away = chosen is None and not self.named
         before, alike_there = self.current, tried
         if at_break_away:
@@ -245,11 +245,14 @@ class Walk(Ascent):
         same_fit = without - now < max(LEAST_DROP, LEAST_SHARE * (before - now))
         return same_fit and smaller.error - self.current.error < max(3 * self.judge.spread, little)
 
-    def _round(self, scores: Sequence[Score], least: float) -> tuple[Tried, Chosen | None]:
-        """Trials of one round and the one to accept, if any, all by the floor of the best model so far."""
+    def _first_looks(self, scores: Sequence[Score], least: float) -> Tried:
+        """Trials with what promises most, by the floor of the best model so far."""
         made = refitted(self.current, self.first, scores, self.judge, self.refitter, self.say, least)
         made = overtaking(self.current, self.first, scores, made, self.judge, self.refitter, self.say)
-        tried = self._followed(self._by_one_floor(made))
+        return self._followed(self._by_one_floor(made))
+
+    def _round(self, scores: Sequence[Score], tried: Tried) -> tuple[Tried, Chosen | None]:
+        """Trials of one round, those ``tried`` at first among them, and the one to accept, if any."""
         chosen, known, looked, late = self._best(tried), set[str](), False, False
         while True:
             # a leading effect that does not bear other starts may have kept others from being looked at
@@ -320,7 +323,18 @@ class Walk(Ascent):
         far = max(self.current.error, self.current.whole) > FAR_OFF**2 or (chosen is None and self._astray())
         return far or loudest(self.current) > DEFECT_RATIO
 
-    def _take_both(self, both: Joined, tried: Tried) -> None:
+    def _take_two(self, tried: Tried, chosen: Chosen | None, most: float = np.inf) -> bool:
+        """Whether two effects were accepted at once, where one alone would leave much; ``most`` as in ``joined``."""
+        if self.current.added is not None or not leaves_much(chosen, self.current):
+            return False
+        catalogue = list(self.catalogue.values())
+        both = joined(self.current, self.first, tried, chosen, self.judge, self.refitter, catalogue, self.say, most)
+        if both is None:
+            return False
+        self._accept_both(both, tried)
+        return True
+
+    def _accept_both(self, both: Joined, tried: Tried) -> None:
         """Accept two effects at once."""
         self.judge, self.current, self.first = both.judge, both.current, both.original
         for score, trial in (*tried, both.firsts[0], (both.second, both.trial)):
