@@ -97,7 +97,7 @@ def test_a_later_effect_must_promise_a_part_of_what_came_before():
 def test_a_strong_first_effect_does_not_hide_a_second_one():
     # 5 % of the 402 400 that the first effect brought would be 20 120; 5 % of what is left is 1 380
     strong = stub(145.0, 430_000.0)
-    assert _round([score("gravity", 2000.0)], [20.0], current=ALONE, first=strong)[0].made == ["gravity"]
+    assert _round([score("gravity", 2000.0)], [2.0], current=ALONE, first=strong)[0].made == ["gravity"]
     assert _round([score("gravity", 1000.0)], [], current=ALONE, first=strong)[0].made == []
 
 
@@ -105,28 +105,51 @@ def test_a_strong_first_effect_does_not_hide_a_second_one():
     ("name", "drop", "errors", "made"),
     [
         ("friction_warmup", 3000.0, [40.0, 12.0], 2),  # it made things worse with the break-away that excused it
-        ("friction_warmup", 3000.0, [12.0], 1),
+        ("friction_warmup", 3000.0, [12.0, 9.0], 2),  # it helped, and left more than a quarter
+        ("friction_warmup", 3000.0, [8.0], 1),
         ("friction_warmup", 1450.0, [40.0], 1),  # it promises less than a twentieth
         ("valve_offset", 3000.0, [40.0], 1),  # friction has not excused a valve
     ],
 )
-def test_a_later_friction_effect_that_does_not_help_has_break_away_read_anew(name, drop, errors, made):
+def test_a_later_friction_effect_that_leaves_much_has_break_away_read_anew(name, drop, errors, made):
     refitter, _ = _round([score(name, drop)], errors, current=ALONE)
     assert refitter.made == [name] * made
     assert refitter.asked[-1].anew is (made == 2)
 
 
-def test_of_both_readings_of_break_away_the_better_one_is_kept():
+def _making(*errors):
+    """Makes trials with these held-out errors, one after the other, and keeps what was asked."""
+    ends, asked = iter([stub(error, 27_000.0) for error in errors]), []
+
+    def each(_, given):
+        for one in given:
+            asked.append(one)
+            yield one, lambda: next(ends)
+
+    return SimpleNamespace(each=each, asked=asked)
+
+
+@pytest.mark.parametrize(("first", "second", "foreseen"), [(40.0, 12.0, 12.0), (40.0, 55.0, 55.0)])
+def test_of_both_readings_of_break_away_the_one_that_predicts_the_training_runs_is_kept(first, second, foreseen):
     judge = SimpleNamespace(
-        spread=0.02, small=0.15, trial=lambda made, _: made, fits=lambda _: 1.0, usually_fits=lambda _: 1.0
+        spread=0.02, small=0.15, trial=lambda made, _: made, fits=lambda trial: abs(trial.error - foreseen),
+        usually_fits=lambda trial: abs(trial.error - foreseen),
+    )  # fmt: skip
+    promises = [score("friction_warmup", 3000.0)]
+    (_, trial), *_ = rounds.refitted(ALONE, FIRST, promises, judge, _making(first, second), lambda _: None)
+    assert trial.error == foreseen
+
+
+@pytest.mark.parametrize("servo", [False, True])
+def test_a_later_friction_effect_starts_from_the_data_alone_too_where_a_bench_has_not_done_so_already(servo):
+    current, refitter = stub(30.8, 27_600.0), _making(12.0, 9.0)
+    current.fit.plant.servo = servo
+    judge = SimpleNamespace(small=0.15, trial=lambda made, _: made, fits=lambda t: t.error, usually_fits=lambda t: t.error)
+    found = rounds._with_break_away(
+        stub(20.0, 27_000.0), current, score("friction_warmup", 3000.0), judge, refitter, lambda _: None
     )
-    for first, second in ((40.0, 12.0), (40.0, 55.0)):
-        ends = iter([stub(first, 27_000.0), stub(second, 27_000.0)])
-        refitter = SimpleNamespace(each=lambda _, asked, ends=ends: ((one, lambda: next(ends)) for one in asked))
-        (_, trial), *_ = rounds.refitted(
-            ALONE, FIRST, [score("friction_warmup", 3000.0)], judge, refitter, lambda _: None
-        )
-        assert trial.error == min(first, second)
+    assert [(one.anew, one.cold) for one in refitter.asked] == [(True, False), (False, True)][: 1 + servo]
+    assert found.error == (9.0 if servo else 12.0)
 
 
 def test_a_weak_amplitude_in_a_wide_range_is_not_on_its_bound():

@@ -123,13 +123,18 @@ def overtaking(
 
 
 def _with_break_away(trial: Trial, current: Trial, score: Score, judge: Judge, refitter: Refitter, say: Say) -> Trial:
-    """The trial, or where it does not help one that reads break-away anew, which so far excused what the effect does."""
-    if _helps(trial, current):
+    """The trial, or where it leaves much the best of it and of ones that read break-away anew or start from the data alone.
+
+    Break-away has excused so far what the effect does, and may not come back: beside a valve's hysteresis a viscous friction
+    that bends left 11.5 of 12.2 floors from there, read anew 6.6, from the data alone 6.4.
+    """
+    if not leaves_much((score, trial), current):
         return trial
-    again = Asked(score.effect, score.whole_start, score.gain, way=1.0, anew=True)
-    (_, make), *_ = refitter.each(current.fit, [again])
-    other = _tried(current, score, make, judge, say)
-    return other if other.error < trial.error else trial
+    again = [Asked(score.effect, score.whole_start, score.gain, way=1.0, anew=True)]
+    if current.fit.plant.servo:
+        again.append(Asked(score.effect, score.whole_start, score.gain, cold=True))
+    ends = [_tried(current, score, make, judge, say) for _, make in refitter.each(current.fit, again)]
+    return best_end([trial, *ends], judge)
 
 
 def _helps(trial: Trial, current: Trial) -> bool:
