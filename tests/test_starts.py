@@ -113,7 +113,7 @@ def test_a_solution_that_costs_too_much_is_not_solved_again_with_finer_steps(hop
 
     def stage(posed, *_):
         made.append(posed.substeps)
-        return SimpleNamespace(outcome=SimpleNamespace(X=None, status="", cost=2.0, penalty=20.0))
+        return SimpleNamespace(outcome=SimpleNamespace(X=None, status="", cost=2.0, penalty=20.0), level=0.0)
 
     tasks.relaxed_fit(Task(None, [], (), {}, None, hopeless=hopeless), {}, stage)  # type: ignore[arg-type]
     assert made == steps
