@@ -12,12 +12,9 @@ import numpy as np
 import pytest
 
 from pneuid.criticism.refitting import refits
-from pneuid.errors import UserError
 from pneuid.estimation import exact_end
 from pneuid.estimation import fit as fitting
-from pneuid.estimation import task as tasks
 from pneuid.estimation.growing import Grown
-from pneuid.estimation.preparation import prepare
 from pneuid.estimation.shooting import TIGHT
 from pneuid.estimation.solver import Outcome
 from pneuid.estimation.stages import End, Relaxed
@@ -26,7 +23,6 @@ from pneuid.estimation.task import Task
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.rig import Rig
-from pneuid.step import LARGEST_SUBSTEPS
 from pneuid.virtual_rig import ATMOSPHERE, HIDDEN_EFFECTS, NOTHING, TruthServo, random_servo, record_servo
 
 GUESS = {"Fc": 10.0, "Fs": 15.0, "vs": 0.01, "sigma0": 4e5, "sigma1": 200.0}
@@ -59,82 +55,12 @@ def _doubted(ends: _Ends, cost: float):
     return fitting._doubted(TASK, ends.end(cost))[1].loose_cost
 
 
-def test_a_start_too_stiff_for_the_samples_is_no_slow_recording_where_a_model_was_fitted_before(monkeypatch):
-    """A memory of pre-sliding at its typical size asked for 55 substeps of a recording that the base model had followed."""
-    run = SimpleNamespace(data=np.full((1, 9), 2e-3))
-    plant = SimpleNamespace(theta=lambda *_: None)
-    monkeypatch.setattr(Task, "ranges", {})
-    monkeypatch.setattr("pneuid.estimation.task.substeps_needed", lambda *_: 55)
-    first = Task(plant, [], (run,), {}, None)
-    with pytest.raises(UserError, match="500 Hz is too low"):
-        first.substeps({})
-    assert replace(first, again=True).substeps({}) == LARGEST_SUBSTEPS
-    monkeypatch.setattr("pneuid.estimation.task.substeps_needed", lambda *_: 3)
-    assert replace(first, again=True).substeps({}) == first.substeps({}) == 3
-
-
-@pytest.mark.parametrize("way", ["near", "sharper"])
-def test_the_step_of_a_refit_gets_at_most_twice_as_fine_as_what_it_starts_from(way, monkeypatch):
-    """A friction that stiffened from 7 to 40 substeps took minutes, and led nowhere."""
-    steps = []
-
-    def solved(task, *_):
-        monkeypatch.setattr("pneuid.estimation.task.substeps_needed", lambda *_: 40)
-        steps.append(task.substeps({}))
-        raise InterruptedError
-
-    monkeypatch.setattr("pneuid.estimation.task.substeps_needed", lambda *_: 7)
-    monkeypatch.setattr(Task, "ranges", {})
-    monkeypatch.setattr(Task, "guess", {})
-    monkeypatch.setattr(fitting, "relaxed_fit", solved)
-    monkeypatch.setattr(fitting, "tightly", solved)
-    run = SimpleNamespace(data=np.full((1, 9), 1e-3), recording=None)
-    plant = SimpleNamespace(theta=lambda *_: None)
-    found = SimpleNamespace(
-        plant=plant, runs=(run,), problem=SimpleNamespace(substeps=7), relaxed=None, defect_level=1.0, loose=None
-    )
-    with pytest.raises(InterruptedError):
-        fitting.near(plant, (run,), {}, {}) if way == "near" else fitting.sharper(found)
-    assert steps == [14]
-
-
-@pytest.mark.parametrize(("hopeless", "steps"), [(np.inf, [7, 12]), (3.0, [7]), (30.0, [7, 12])])
-def test_a_solution_that_costs_too_much_is_not_solved_again_with_finer_steps(hopeless, steps, monkeypatch):
-    made = []
-    problem = lambda _self, _values, substeps: SimpleNamespace(  # noqa: E731
-        substeps=substeps, samples=10, join=lambda q, _: q, split=lambda _: (None, None)
-    )
-    needed = iter((7, 12, 12))
-    replaced = {"guess": {}, "problem": problem, "nodes": lambda *_: None, "substeps": lambda *_: next(needed)}
-    for name, stand_in in replaced.items():
-        monkeypatch.setattr(Task, name, stand_in)
-    monkeypatch.setattr(tasks, "inside", lambda *_: None)
-    monkeypatch.setattr(tasks, "values_at", lambda *_: {})
-
-    def stage(posed, *_):
-        made.append(posed.substeps)
-        return SimpleNamespace(outcome=SimpleNamespace(X=None, status="", cost=2.0, penalty=20.0), level=0.0)
-
-    tasks.relaxed_fit(Task(None, [], (), {}, None, hopeless=hopeless), {}, stage)  # type: ignore[arg-type]
-    assert made == steps
-
-
 def test_a_refit_that_costs_three_times_the_standing_model_is_hopeless(monkeypatch):
     asked = []
     monkeypatch.setattr(refits, "near", lambda *given: asked.append(given[-1]))
     plant = SimpleNamespace(states=())
     refits._at_once(SimpleNamespace(runs=(), noise={}, nodes={}, cost=50.0), plant, {}, None)  # type: ignore[arg-type]
     assert asked == [150.0]
-
-
-def test_runs_that_were_only_prepared_are_not_known_to_be_fast_enough(monkeypatch):
-    """A bench's joint fit prepares its runs itself, and is the first one to them."""
-    recording = Recording.from_arrays("s5.csv", helpers.rig(), **record_servo(TruthServo(), NOTHING, "multisine", 1.0, 5))
-    plant = Plant(helpers.rig(), "lugre")
-    levels = {"x": 2e-5, "p1": 500.0, "p2": 500.0}
-    monkeypatch.setattr("pneuid.estimation.task.substeps_needed", lambda *_: 55)
-    with pytest.raises(UserError, match="1000 Hz is too low"):
-        fitting.fit(plant, [recording], None, levels, exact=False, prepared=[prepare(recording, plant, levels)])
 
 
 def test_a_fit_that_ends_far_off_starts_softer_and_then_with_the_levels_found_there(monkeypatch):

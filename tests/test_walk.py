@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from trials import FIRST, JUDGE, one_round, score, stub, walking
+from trials import FIRST, JUDGE, score, stub, walking
 
 from pneuid.criticism.decision import ascent, leftover, verdict, walk
 from pneuid.criticism.decision.diagnosis import Candidate, Diagnosis, Unknown
@@ -24,127 +24,6 @@ pytestmark = pytest.mark.usefixtures("amplitudes_inside")
 
 def rivals(chosen, tried) -> tuple[str, ...]:
     return tuple(pair[0].effect.name for pair in walking()._rivals(chosen, tried))
-
-
-@pytest.mark.parametrize(("read_anew", "named"), [(90.0, "backlash"), (70.0, "load_mass"), (160.0, "backlash")])
-def test_what_reading_break_away_anew_makes_worse_is_the_best_no_longer(read_anew, named, monkeypatch):
-    """load_mass leaves 60 and backlash 80 of 145, load_mass with its break-away read anew 90, 70 or 160."""
-    tried = [(score(name, 900.0), stub(error, 25_000.0, name)) for name, error in (("load_mass", 60.0), ("backlash", 80.0))]
-    ends = {"load_mass": stub(read_anew, 24_900.0, "load_mass"), "backlash": tried[1][1]}
-    monkeypatch.setattr(walk, "refitted", lambda *_: tried)
-    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
-    monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
-    monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
-    monkeypatch.setattr(walk, "settled", lambda _, trial, *__: ends[trial.added])
-    after, chosen = one_round(walking(), [])
-    assert chosen is not None and chosen[0].effect.name == named and chosen[1] is ends[named]
-    assert after[0][1] is ends["load_mass"], "what was tried is told as it ended"
-
-
-@pytest.mark.parametrize(("per_sample", "looked_at"), [(1.05, ["backlash"]), (1.4, ["backlash", "load_mass"])])
-def test_where_the_chosen_effect_follows_whole_runs_nothing_alike_starts_again(per_sample, looked_at, monkeypatch):
-    tried = [(score(name, 900.0), stub(error, 25_000.0, name)) for name, error in (("load_mass", 80.0), ("backlash", 60.0))]
-    seen = []
-
-    def ended(_, trial, *__):
-        seen.append(trial.added)
-        end = stub(trial.error, 25_000.0, trial.added)
-        end.fit.exact, end.fit.cost_per_sample = "an exact fit", per_sample
-        return end
-
-    monkeypatch.setattr(walk, "refitted", lambda *_: tried)
-    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
-    monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
-    monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
-    monkeypatch.setattr(walk, "settled", ended)
-    monkeypatch.setattr(walk, "led", lambda _, found, *__: found)
-    chosen = one_round(walking(), [])[1]
-    assert chosen is not None and chosen[0].effect.name == "backlash" and seen == looked_at
-
-
-def test_three_of_what_promises_as_much_start_again_with_the_chosen_effect(monkeypatch):
-    names = ("backlash", "load_mass", "gravity", "friction_lag", "load_spring")
-    tried = [(score(name, 900.0), stub(60.0 + i, 25_000.0, name)) for i, name in enumerate(names)]
-    seen = []
-    monkeypatch.setattr(walk, "refitted", lambda *_: tried)
-    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
-    monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
-    monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
-    monkeypatch.setattr(walk, "settled", lambda _, trial, *__: seen.append(trial.added) or trial)
-    monkeypatch.setattr(walk, "led", lambda _, found, *__: found)
-    one_round(walking(), [])
-    assert seen == list(names[:4])
-
-
-@pytest.mark.parametrize(
-    ("left", "seen"), [(8.0, ["load_spring", "gravity"]), (20.0, ["load_spring", "gravity", "friction_lag"])]
-)
-def test_beside_what_leaves_next_to_nothing_only_what_is_not_far_behind_starts_again(left, seen, monkeypatch):
-    errors = (("load_spring", left), ("gravity", left + 2.0), ("friction_lag", 90.0))
-    tried = [(score(name, 900.0), stub(error, 25_000.0, name)) for name, error in errors]
-    found = []
-    monkeypatch.setattr(walk, "refitted", lambda *_: tried)
-    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
-    monkeypatch.setattr(walk, "leaves_much", lambda *_: False)
-    monkeypatch.setattr(walk, "leaves_far", lambda *_: False)
-    monkeypatch.setattr(walk, "settled", lambda _, trial, *__: found.append(trial.added) or trial)
-    monkeypatch.setattr(walk, "led", lambda _, found, *__: found)
-    one_round(walking(), [])
-    assert found == seen
-
-
-@pytest.mark.parametrize(("led_to", "named"), [(1.02, "gravity"), (4.0, "load_spring")])
-def test_what_is_led_to_a_better_end_than_the_chosen_effect_takes_its_place(led_to, named, monkeypatch):
-    names = (("load_spring", 1.1), ("gravity", 130.0))
-    tried = [(score(name, 900.0), stub(error, 25_000.0, name)) for name, error in names]
-    end = stub(led_to, 25_000.0, "gravity")
-    monkeypatch.setattr(walk, "refitted", lambda *_: tried)
-    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
-    monkeypatch.setattr(walk, "settled", lambda _, trial, *__: trial)
-    monkeypatch.setattr(walk, "led", lambda _, found, *__: [found[0], (found[1][0], end)])
-    assert one_round(walking(), [])[1][0].effect.name == named
-
-
-def test_an_effect_that_does_not_bear_reading_break_away_anew_is_not_accepted(monkeypatch):
-    tried = [(score("backlash", 900.0), stub(120.0, 42_900.0, "backlash"))]
-    monkeypatch.setattr(walk, "refitted", lambda *_: tried)
-    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
-    monkeypatch.setattr(walk, "second_looks", lambda *_: tried)
-    monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
-    monkeypatch.setattr(walk, "settled", lambda *_: stub(180.0, 42_800.0, "backlash"))
-    assert one_round(walking(), [])[1] is None
-
-
-def test_where_the_leading_effect_does_not_bear_other_starts_a_second_look_finds_what_it_hid(monkeypatch):
-    """It explained most, so that nothing else was looked at: a silencer stayed `unknown` behind heat at the walls."""
-    heat, silencer = score("heat_transfer", 900.0), score("exhaust_restriction", 20.0)
-    looks, ends = [], {"heat_transfer": stub(180.0, 29_000.0, "heat_transfer")}
-
-    def looked(_current, _scores, tried, *_):
-        looks.append(tried)
-        return [*tried, (silencer, stub(2.0, 26_000.0, "exhaust_restriction"))]
-
-    monkeypatch.setattr(walk, "refitted", lambda *_: [(heat, stub(8.0, 30_000.0, "heat_transfer"))])
-    monkeypatch.setattr(ascent, "same_floor", lambda judge, current, first, found: (judge, current, first, found))
-    monkeypatch.setattr(walk, "loudest", lambda _: 9.0)
-    monkeypatch.setattr(walk, "second_looks", looked)
-    monkeypatch.setattr(walk, "overtaking", lambda _current, _first, _scores, tried, *_: tried)
-    monkeypatch.setattr(walk, "settled", lambda _, trial, *__: ends.get(trial.added, trial))
-    monkeypatch.setattr(walk, "led", lambda _, found, *__: found)
-    _, chosen = one_round(walking(), [heat])
-    assert chosen is not None and chosen[0] is silencer
-    assert len(looks) == 1 and looks[0][0][1].error == 180.0, "once, and with the end that the other start led to"
-
-
-@pytest.mark.parametrize("current", [FIRST, stub(9.0, 26e3, "gravity")])
-def test_steps_are_looked_at_in_every_round_by_held_out_runs(current, monkeypatch):
-    seen = []
-    monkeypatch.setattr(walk, "refitted", lambda *_: [])
-    monkeypatch.setattr(walk, "overtaking", lambda *given: seen.append(given) or [])
-    monkeypatch.setattr(ascent, "same_floor", lambda judge, now, first, found: (judge, now, first, found))
-    monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
-    monkeypatch.setattr(walk, "second_looks", lambda _current, _scores, tried, *_: tried)
-    assert one_round(walking(current=current), []) == ([], None) and len(seen) == 1
 
 
 @pytest.mark.parametrize(
