@@ -25,7 +25,7 @@ NODE_SECONDS = 0.02
 WORTH_STEPS = 0.01
 """Relative fall of the cost from one time step to a finer one, below which a model that is too wrong for the exact stage gets
 none finer still: beside an end cushion, which slows the piston as friction does, the bristle's damping grew with every step
-that it was given, from 3 substeps to 20, the last ten for 0.7 % of the cost, and all refits took three times as long."""
+that it was given, from 3 substeps to 20, the last ten for 0.7 % of the cost, and every refit begins with as many."""
 
 
 @dataclass(frozen=True)
