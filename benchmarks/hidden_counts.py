@@ -31,7 +31,7 @@ def marks(row: dict[str, Any]) -> dict[str, bool]:
         unknown = verdict == "unknown"
         return {"unknown": unknown, "equation": at, "equation, signal": signal, "either": unknown or signal}
     explained = row.get("explained", 0.0) >= 0.9
-    if row["category"] == "pair":
+    if row["category"].endswith("pair"):
         return {"both": set(names) <= set(effects), "one": bool(set(names) & set(effects)), "explained": explained}
     first = bool(effects) and (effects[0] == names[0] or (verdict == "ambiguous" and names[0] in effects))
     return {

@@ -13,7 +13,8 @@ ramps. Categories:
 - ``bench``: the same on the friction bench, friction laws that are too simple included; held-out speeds and pressures leave the
   range of the training runs. ``within``: the same benches with held-out runs that stay inside it, as the guide asks
 - ``varied``: each effect with rig, excitations, strength and form drawn at random (``varied_cases.py``)
-- ``pair``: two effects at once; ``outside``: effects that the catalogue does not hold
+- ``pair``: two effects at once; ``drawn pair``: any two that are not easily confused, drawn at random, at the bores of ``servo``
+- ``outside``: effects that the catalogue does not hold
 - ``null``: random rigs (bore 10 to 200 mm, 0.1 to 100 kg, 100 Hz to 10 kHz) and the default one, nothing hidden; ``sheet``: the
   same with mass, dead volumes and critical ratio some 3 % off in the rig file, where naming just these is no false alarm
 
@@ -33,6 +34,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -134,12 +136,25 @@ def cases(seeds: Sequence[int], nulls: Sequence[int]) -> Iterator[Case]:
         yield from (Case("varied", "random bench", (name,), "drawn", _own(seed, j)) for j, name in enumerate(BENCH_EFFECTS))
         yield from (Case("varied", rig, (), "none", _own(seed, 100)) for rig in ("random", "random bench"))
         yield from (Case("pair", "default", pair, ("strong", "weak")[i % 2], seed) for pair in PAIRS)
+        yield from (
+            Case("drawn pair", tuple(BORES)[(i + j) % len(BORES)], pair, ("strong", "weak")[j % 2], seed)
+            for j, pair in enumerate(drawn_pairs(seed))
+        )
         for name, item in OUTSIDE_EFFECTS.items():
             yield from (Case("outside", rig, (name,), ("strong", "weak")[i % 2], seed) for rig in item.rigs)
     for i, seed in enumerate(nulls):
         yield Case("null", ("random", "random", "random bench", "default")[i % 4], (), "none", seed)
         if i % 5 == 0:
             yield Case("sheet", "random", (), "none", seed)
+
+
+def drawn_pairs(seed: int) -> list[tuple[str, str]]:
+    """Pairs of effects, none of which names the other as what it is easily confused with."""
+    apart = [
+        (one, other) for one, other in combinations(HIDDEN_EFFECTS, 2) if not CATALOGUE[one].resembles(CATALOGUE[other])
+    ]
+    rng = np.random.default_rng((seed, 17))
+    return [apart[i] for i in rng.choice(len(apart), len(PAIRS), replace=False)]
 
 
 def _own(seed: int, number: int) -> int:

@@ -12,17 +12,27 @@ from pneuid.physics.smoothing import absolute
 from pneuid.rig import Rig
 
 _SOURCE = (
-    "Kato, Sato, Matsubayashi, ASME J. Lubrication Technology 94 (1972) 234 (exponential rise of static friction "
-    "with dwell); Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083 (seven-parameter model)"
+    "Kato, Sato, Matsubayashi, ASME J. Lubrication Technology 94 (1972) 234 (exponential of a power of the time of "
+    "stationary contact); Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083 (seven-parameter model)"
 )
 _SLIP = "Ruina, J. Geophysical Research 88 (1983) 10359 (renewal of contacts over a slip distance)"
 
+_FORGETTING = 1.0e-4
+"""Decay in 1/s of the age at rest, so that its time constant stays finite."""
+
+_CREEP = 2e-4
+"""Speed v_c in m/s from which contacts slide and do not age: were they as old as ``D/|v|`` while they slide, a power below one would
+take half of its growth along."""
+
+_SHORTEST = 1e-3
+"""Time at rest in s below which the growth is linear: a power less than one would set out infinitely steep."""
+
 
 class FrictionDwell(Effect):
-    """``Fs + dFs a`` with the age ``a`` of the contacts, 0..1: ``da/dt = (1 - a)/tau - |v| a/D``.
+    """``Fs + dFs (1 - exp(-(a/tau)^m))`` with the age ``a`` of the contacts in s: ``da/dt = 1/(1 + (v/v_c)^2) - |v| a/D``.
 
-    At rest ``a = 1 - exp(-t/tau)``; sliding over a few ``D`` wipes it out. Typical: dFs 10 to 100 % of Fs, tau 0.1 s to
-    hours, D 10 to 500 um for elastomer seals.
+    At rest the age is the time at rest, above ``v_c`` = 0.2 mm/s nothing ages; sliding over a few ``D`` wipes the age out.
+    Typical: dFs 10 to 100 % of Fs, tau 0.1 s to hours, m 0.3 to 0.7, D 10 to 500 um for elastomer seals.
     """
 
     name = "friction_dwell"
@@ -34,23 +44,26 @@ class FrictionDwell(Effect):
     experiment = "break-away by slow ramps after dwells of different length"
     confused_with = ("friction_lag", "friction_warmup")
     guarantees = ("dissipative",)
-    states = (State("age", "1", 0.5, 0.5, 0.05),)
+    states = (State("age", "s", 0.2, 1.0, 0.1),)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Rise of the static friction after a long rest, its time constant, the slip that wipes it out."""
+        """Rise of the static friction after a long rest, its time constant and power, the slip that wipes it out."""
         force = max(2.0, 0.01 * rig.A1 * 1e6)
         return (
             Parameter("Fs_dwell", "ΔF_s", "N", 0.0, 5.0 * force, 0.0, force, _SOURCE, off=0.0),
             Parameter("tau_dwell", "τ_d", "s", 1e-2, 1e4, 0.5, 1.0, _SOURCE, positive=True, prior=1.5),
+            Parameter("m_dwell", "m", "1", 0.2, 1.5, 0.6, 0.3, _SOURCE, positive=True, prior=0.4),
             Parameter("slip_dwell", "D", "m", 5e-6, 5e-3, 1e-4, 1.0, _SLIP, positive=True, prior=1.0),
         )
 
     def coefficients(self, k: Coefficients, scope: Scope) -> Coefficients:
-        """Raise the static level by the age, which a solver's trial point may take beyond 0..1."""
-        return replace(k, Fs=k.Fs + scope.p.Fs_dwell * ca.fmin(ca.fmax(scope.state.age, 0.0), 1.0))
+        """Raise the static level by the age, which a solver's trial point may take below zero."""
+        m, age = scope.p.m_dwell, ca.fmax(scope.state.age, 0.0)
+        risen = ((age + _SHORTEST) ** m - _SHORTEST**m) / scope.p.tau_dwell**m
+        return replace(k, Fs=k.Fs + scope.p.Fs_dwell * (1.0 - ca.exp(-risen)))
 
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
         """Ageing at rest, renewal by slip; the slip's speed is exactly zero at rest, however wide its rounding."""
         slip = scope.v * scope.v / absolute(scope.v, scope.smoothing.speed)
-        renewed = 1.0 + scope.p.tau_dwell * slip / scope.p.slip_dwell
-        return {"age": (1.0 / renewed, scope.p.tau_dwell / renewed)}
+        lasting = 1.0 / (slip / scope.p.slip_dwell + _FORGETTING)
+        return {"age": (lasting / (1.0 + (scope.v / _CREEP) ** 2), lasting)}

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pneuid.criticism.decision.acceptance import (
+    CLEAR_DROP,
+    FORETOLD,
     LEAST_DROP,
     LEAST_SHARE,
     Tried,
@@ -260,6 +262,7 @@ class Walk(Ascent):
                 again = second_looks(self.current, scores, tried, self.judge, self.refitter, self.say)
                 tried, looked = self._by_one_floor(again), True
                 chosen = self._best(tried)
+            chosen = chosen or self._shown_in_training(tried, known)
             if chosen is None:
                 return tried, chosen
             if chosen[0].effect.name in known:
@@ -311,6 +314,19 @@ class Walk(Ascent):
         """The trial to accept, if any, as the held-out runs say."""
         found = accepted(tried, self.current, self.first, self.judge)
         return None if found is not None and self.slow and moves_break_away_alone(found[1], self.current) else found
+
+    def _shown_in_training(self, tried: Tried, known: set[str]) -> Chosen | None:
+        """Beside other effects, the one that the training runs show most, if its refit predicts them far better than the model
+        that stood: where the held-out runs do not bear it out it may have ended at a wrong optimum, and deserves other starts."""
+        now, fits = self.current, self.judge.usually_fits
+        if now.added is None:
+            return None
+        shown = [
+            pair for pair in tried
+            if pair[0].effect.name not in known and fits(pair[1]) < FORETOLD * fits(now)
+            and np.subtract(*costs(now, pair[1])) > CLEAR_DROP * now.fit.relaxed_cost
+        ]  # fmt: skip
+        return min(shown, key=lambda pair: fits(pair[1]), default=None)
 
     def _needs_second_looks(self, chosen: Chosen | None) -> bool:
         """Whether much is left that the leading effects do not explain: on a balance, or, far off, at break-away alone.
