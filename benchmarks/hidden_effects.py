@@ -13,7 +13,8 @@ ramps. Categories:
 - ``bench``: the same on the friction bench, friction laws that are too simple included; held-out speeds and pressures leave the
   range of the training runs. ``within``: the same benches with held-out runs that stay inside it, as the guide asks
 - ``varied``: each effect with rig, excitations, strength and form drawn at random (``varied_cases.py``)
-- ``pair``: two effects at once; ``drawn pair``: any two that are not easily confused, drawn at random, at the bores of ``servo``
+- ``pair``: two effects at once; ``drawn pair``: any two that are not easily confused, drawn at random, at the bores of
+  ``servo``
 - ``outside``: effects that the catalogue does not hold
 - ``null``: random rigs (bore 10 to 200 mm, 0.1 to 100 kg, 100 Hz to 10 kHz) and the default one, nothing hidden; ``sheet``: the
   same with mass, dead volumes and critical ratio some 3 % off in the rig file, where naming just these is no false alarm

@@ -41,22 +41,25 @@ def test_what_is_accepted(current, error, cost, taken):
 
 
 @pytest.mark.parametrize(
-    ("error", "fits", "cost", "taken"),
+    ("error", "fits", "usual", "cost", "taken"),
     [
-        (1.3, 50.0, 26_300.0, True),  # 20.8 to 7 floors on the training runs, 95 % of the excess; the cost rose
-        (1.3, 150.0, 26_300.0, False),  # the training runs are predicted hardly better
-        (3.0, 50.0, 26_300.0, False),  # two thirds of the excess
-        (3.0, 50.0, 26_000.0, True),  # which is enough where the cost falls
-        (1.3, 150.0, 26_000.0, True),
+        (1.3, 50.0, 1.0, 26_300.0, True),  # 20.8 to 7 floors on the training runs, 95 % of the excess; the cost rose
+        (1.3, 150.0, 1.0, 26_300.0, False),  # the training runs are predicted hardly better
+        (1.3, 450.0, 0.2, 26_300.0, True),  # they are but for the worst windows
+        (1.3, 450.0, 0.3, 26_300.0, False),
+        (3.0, 50.0, 0.2, 26_300.0, False),  # two thirds of the excess
+        (3.0, 50.0, 1.0, 26_000.0, True),  # which is enough where the cost falls
+        (1.3, 150.0, 1.0, 26_000.0, True),
     ],
 )
 def test_where_break_away_is_at_stake_predictions_of_both_kinds_of_runs_take_the_place_of_the_cost(
-    error, fits, cost, taken, monkeypatch
+    error, fits, usual, cost, taken, monkeypatch
 ):
     """A rest's effect at its right size: the relaxed cost was higher than without it, whose zigzag had stopped elsewhere."""
     current = stub(7.2, 26_150.0)
     tried = [(score("friction_dwell", 10.0), stub(error, cost, "friction_dwell"))]
     monkeypatch.setattr(JUDGE, "fits", lambda trial: fits if trial.added else 432.0)
+    monkeypatch.setattr(JUDGE, "usually_fits", lambda trial: usual if trial.added else 1.0)
     assert (acceptance.accepted(tried, current, current, JUDGE) is not None) == taken
     far_off = stub(270.0, 26_150.0)
     left = [(score("friction_dwell", 10.0), stub(45.0, 26_300.0, "friction_dwell"))]
@@ -188,9 +191,11 @@ def test_far_off_what_predicts_all_runs_far_better_is_accepted_in_place_of_what_
     both = [(score("mounting_compliance", 13.0), mounting), play]
     found = acceptance.accepted(both, current, current, judge)
     assert found is not None and found[0].effect.name == taken
+    by |= {"backlash": max(usual, 30.0)}
     near = [(both[0][0], stub(8.0, 51_661.0, "mounting_compliance")), (play[0], stub(2.0, cost, "backlash"))]
     found = acceptance.accepted(near, stub(20.0, 52_585.0), stub(20.0, 52_585.0), judge)
     assert found is not None and found[0].effect.name == "mounting_compliance", "within three floors the cost counts"
+    by |= {"backlash": usual}
     # its gain read off the judged runs, it is not accepted by this way either; nor beside what it is confused with
     judge.unseen = lambda trial: 150.0 if trial.added == "backlash" else trial.error
     found = acceptance.accepted(both, current, current, judge)

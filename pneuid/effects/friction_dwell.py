@@ -21,8 +21,8 @@ _FORGETTING = 1.0e-4
 """Decay in 1/s of the age at rest, so that its time constant stays finite."""
 
 _CREEP = 2e-4
-"""Speed v_c in m/s from which contacts slide and do not age: were they as old as ``D/|v|`` while they slide, a power below one would
-take half of its growth along."""
+"""Speed v_c in m/s from which contacts slide and do not age: were they as old as ``D/|v|`` while they slide, a power below one
+would take half of its growth along."""
 
 _SHORTEST = 1e-3
 """Time at rest in s below which the growth is linear: a power less than one would set out infinitely steep."""

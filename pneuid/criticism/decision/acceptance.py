@@ -33,11 +33,11 @@ NEARLY_ALL = 0.8
 """Share of what is left from which a later effect need not bring that part: what only differs in form leaves more."""
 
 FORESEEN, WITHIN = 0.5, 3.0
-"""Share of the error of predicting the training runs, and held-out error in floors, below which nearly all of the held-out
-excess explained is enough: where break-away alone is at stake, two relaxed fits differ in cost by where their zigzag across
-the slips has stopped. What still leaves more has another cause, mostly a base model at a wrong optimum. The error is that of all
-windows or that without the worst tenth: a film that lags took 95 % of the excess held out and 76 % of the usual error on the training
-runs at the same cost, with break-away elsewhere in a few windows; its exact end left noise."""
+"""Share of the error of predicting the training runs, of all windows or without the worst tenth, and held-out error in
+floors, below which nearly all of the held-out excess explained is enough: where break-away alone is at stake, two relaxed fits
+differ in cost by where their zigzag across the slips has stopped. What still leaves more has another cause, mostly a base
+model at a wrong optimum. A film that lags took 95 % of the excess held out and 76 % of the usual error on the training runs at
+the same cost, with break-away elsewhere in a few windows; its exact end left noise."""
 
 FORETOLD = 0.64
 """Share of the squared error on the training runs below which a fifth of what is left held out is enough for a later effect

@@ -42,8 +42,8 @@ with what was found: something else acts, or more. Of 163 right effects none was
 catalogue's (0.89 and 5.4 floors, 0.96 and 6.0); of thirteen wrong ones for what the catalogue does not hold eight were."""
 
 TWO_THIRDS, FEW_FLOORS = 2.0 / 3.0, 2.5
-"""The same for less that is explained: of 123 right effects none left as much (0.78 and 3.8 floors the nearest, but for a play, far
-off in any case); heat at the walls in place of a supply that warms up left 0.58 and 2.6 floors, 0.53 and 3.1."""
+"""The same for less that is explained: of 123 right effects none left as much (0.78 and 3.8 floors the nearest, but for a play
+that is far off in any case); heat at the walls in place of a supply that warms up left 0.58 and 2.6 floors, 0.53 and 3.1."""
 
 MOST_ROUNDS = 4
 """Rounds of the walk, each of which accepts an effect, two at once, or a better start."""

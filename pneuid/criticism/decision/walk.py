@@ -316,16 +316,19 @@ class Walk(Ascent):
         return None if found is not None and self.slow and moves_break_away_alone(found[1], self.current) else found
 
     def _shown_in_training(self, tried: Tried, known: set[str]) -> Chosen | None:
-        """Beside other effects, the one that the training runs show most, if its refit predicts them far better than the model
-        that stood: where the held-out runs do not bear it out it may have ended at a wrong optimum, and deserves other starts."""
-        now, fits = self.current, self.judge.usually_fits
-        if now.added is None:
+        """Beside other effects, the one that the training runs show most, if its refit predicts them far better than before.
+
+        Where the held-out runs do not bear it out it may have ended at a wrong optimum, and deserves other starts.
+        """
+        current, fits = self.current, self.judge.usually_fits
+        if current.added is None:
             return None
-        shown = [
-            pair for pair in tried
-            if pair[0].effect.name not in known and fits(pair[1]) < FORETOLD * fits(now)
-            and np.subtract(*costs(now, pair[1])) > CLEAR_DROP * now.fit.relaxed_cost
-        ]  # fmt: skip
+        shown: Tried = []
+        for score, trial in tried:
+            standing, ended = costs(current, trial)
+            clear = standing - ended > CLEAR_DROP * standing
+            if clear and score.effect.name not in known and fits(trial) < FORETOLD * fits(current):
+                shown.append((score, trial))
         return min(shown, key=lambda pair: fits(pair[1]), default=None)
 
     def _needs_second_looks(self, chosen: Chosen | None) -> bool:
