@@ -13,7 +13,7 @@ from pneuid.criticism.decision.rivals import LED, alike, contains, led
 
 def judged(small: float, spread: float) -> SimpleNamespace:
     """A judge by whom nothing that is left is explained by what the training runs leave open."""
-    return SimpleNamespace(small=small, spread=spread, explains=lambda _: False)
+    return SimpleNamespace(small=small, spread=spread, explains=lambda _: False, usually_fits=lambda _: 1.0)
 
 
 def _exact(name: str, error: float, cost: float = 27_000.0, misfit: float = 1.0):
@@ -97,7 +97,7 @@ def test_a_spring_is_a_constant_force_where_it_gains_nothing_by_being_a_spring(g
 @pytest.mark.parametrize(("most", "cost", "rival"), [(6.0, 51_212.0, True), (5.0, 51_212.0, False), (6.0, 51_220.0, False)])
 def test_where_open_parameters_explain_what_both_leave_a_mate_that_costs_as_much_is_a_rival(most, cost, rival):
     """Of 17.3 squared floors inlet mixing left 3.1, the critical ratio that was hidden 5.4, at the same training cost."""
-    judge = SimpleNamespace(small=0.15, spread=0.05, explains=lambda trial: trial.error < most)
+    judge = SimpleNamespace(**{**vars(judged(0.15, 0.05)), "explains": lambda trial: trial.error < most})
     chosen = score("inlet_mixing", 475.5, ("valve_critical_ratio",)), stub(3.1, 51_212.0, "inlet_mixing")
     mate = score("valve_critical_ratio", 475.6), stub(5.4, cost, "valve_critical_ratio")
     assert (mate in alike(chosen, [chosen, mate], stub(17.3, 51_687.0), judge)) == rival
@@ -180,3 +180,23 @@ def test_what_takes_three_times_as_much_of_hardly_anything_is_no_rival():
     heavy = score("valve_dead_zone", 600.0), stub(1.7, 11_800.0, "valve_dead_zone")
     found = alike(heavy, [heavy, more], stub(3.7, 12_411.0), judged(0.34, 0.09))
     assert more not in found, "900 are no three times 600"
+
+
+@pytest.mark.parametrize(
+    ("left", "cost", "usual", "group", "rival"),
+    [
+        (3.72, 12_779.0, 1.02, True, True),
+        (3.72, 12_779.0, 1.02, False, False),  # predicted changes that are not collinear
+        (4.4, 12_779.0, 1.02, True, False),  # half of the excess
+        (3.72, 12_782.0, 1.02, True, False),  # no more than chance
+        (3.72, 12_779.0, 1.15, True, False),  # the training runs do not say so by their predictions
+    ],
+)
+def test_one_of_its_group_that_the_training_runs_prefer_both_ways_is_a_rival(left, cost, usual, group, rival):
+    """Of 7.6 squared floors inlet mixing left 2.6 held out, the critical ratio that was hidden 3.7, and noise in training."""
+    name = "valve_critical_ratio"
+    chosen = score("inlet_mixing", 1768.0, (name,) if group else ()), stub(2.57, 12_786.0, "inlet_mixing")
+    by = {"inlet_mixing": 1.14, name: usual}
+    judge = SimpleNamespace(**{**vars(judged(0.15, 0.034)), "usually_fits": lambda trial: by[trial.added]})
+    other = score(name, 1760.0), stub(left, cost, name)
+    assert (other in alike(chosen, [chosen, other], stub(7.56, 14_554.0), judge)) == rival
