@@ -81,7 +81,8 @@ def break_away(hold: float, changes: dict[str, float], age: float = 0.0) -> floa
 
 @pytest.mark.parametrize("power", [1.0, 0.5])
 def test_break_away_rises_with_a_power_of_the_time_at_rest_to_its_asymptote(power):
-    lasting = DWELL | {"m_dwell": power, "slip_dwell": 5e-3}  # of which a stroke wipes nothing out before its peak
+    # of what lasts a stroke wipes nothing out before its peak
+    lasting = DWELL | {"m_dwell": power, "tau_dwell": 2.0, "slip_dwell": 5e-3}
     fresh, longest = break_away(0.0, lasting), break_away(0.0, lasting, age=1e3)
     without = break_away(0.0, DWELL | {"Fs_dwell": 0.0})
     assert without < fresh < without + (0.2 if power == 1.0 else 1.0)
@@ -89,8 +90,8 @@ def test_break_away_rises_with_a_power_of_the_time_at_rest_to_its_asymptote(powe
     assert 0.8 * 15.0 * np.exp(-0.25) < longest - without < 15.0 * np.exp(-0.25)
     at = np.array([0.25, 1.0, 2.5])
     rises = np.array([(break_away(hold, lasting) - without) / (longest - without) for hold in at])
-    assert rises == pytest.approx(1 - np.exp(-(at**power)), abs=0.03)
-    assert break_away(1.0, DWELL) < break_away(1.0, lasting) - 1.0, "a short slip distance wipes it out while it shows"
+    assert rises == pytest.approx(1 - np.exp(-((at / 2.0) ** power)), abs=0.03)
+    assert break_away(1.0, lasting | {"slip_dwell": 2e-4}) < break_away(1.0, lasting) - 1.0, "a short slip distance wipes it out while it shows"
 
 
 def test_sliding_wipes_the_age_out_over_the_slip_distance():
