@@ -209,6 +209,23 @@ def test_what_is_beyond_doubt_is_named_although_the_run_left_out_is_predicted_wo
     assert walk.OUTSIDE in going.moved
 
 
+@pytest.mark.parametrize(
+    ("left", "cost", "named"),
+    [
+        ((2.1, 1.9), 13_600.0, True),  # 18 % of the excess, 5.7 times the least drop of the cost
+        ((2.1, 2.0), 13_600.0, False),  # 9 %
+        ((2.1, 1.9), 13_700.0, False),
+    ],
+)
+def test_what_all_runs_show_far_beyond_chance_and_helps_a_little_is_named_beside_an_unknown(left, cost, named, monkeypatch):
+    """Of a memory of pre-sliding: 9 times the least drop of the cost, 2.07 floors without it and 1.86 with it."""
+    going, _, _ = walking(monkeypatch, 500.0, cost, left=left)
+    monkeypatch.setattr(walk, "beyond_doubt", lambda *_: False)
+    assert not going.step()
+    assert (going.named == ["load_mass"]) == named == going.partly == going.by_all_runs == (going.lacking is None)
+    assert any("named beside what is still missing" in sentence for sentence in going.moved) == named
+
+
 def lag_of(tau: float) -> SimpleNamespace:
     """A trial with the force lagging by ``tau``, on runs of 1 kHz and 2 kHz."""
     runs = tuple(SimpleNamespace(data=np.full((1, 9), dt)) for dt in (5e-4, 1e-3))

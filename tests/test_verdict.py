@@ -20,11 +20,11 @@ def _ends(monkeypatch):
     monkeypatch.setattr(verdict, "_rest", lambda _: REST)
 
 
-def said_of(before: float, after: float, judge: SimpleNamespace = JUDGE, by_all_runs: bool = False):
+def said_of(before: float, after: float, judge: SimpleNamespace = JUDGE, by_all_runs: bool = False, partly: bool = False):
     """Of a walk from ``before`` to ``after`` squared floors by one effect."""
     walk = SimpleNamespace(
         named=["gravity"], first=stub(before, 1e4), current=stub(after, 1e3, "gravity"), judge=judge, ranking={},
-        by_all_runs=by_all_runs, ambiguous={}, lacking=None,
+        by_all_runs=by_all_runs, partly=partly, ambiguous={}, lacking=None,
     )  # fmt: skip
     return verdict._verdict(walk)
 
@@ -83,6 +83,12 @@ def test_open_parameters_do_not_excuse_an_effect_that_explains_little_and_leaves
     excusing = SimpleNamespace(**vars(JUDGE) | {"explains": lambda _: True})
     found = said_of(before, after, excusing, by_all_runs)
     assert (found.verdict, found.effects, found.unknown is REST) == (said, ("gravity",), rest)
+
+
+@pytest.mark.parametrize(("partly", "said"), [(True, "unknown"), (False, "effect")])
+def test_what_all_runs_show_and_hardly_predicts_stands_beside_something_else(partly, said):
+    found = said_of(4.3, 3.5, by_all_runs=True, partly=partly)
+    assert (found.verdict, found.effects, found.unknown is REST) == (said, ("gravity",), partly)
 
 
 @pytest.mark.parametrize(

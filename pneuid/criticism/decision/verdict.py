@@ -144,7 +144,7 @@ def _verdict(walk: Walk, slow: bool = False) -> Diagnosis:
     # little of the excess gone: what was found stands beside something larger that the catalogue does not hold
     # parameters that the training runs leave open excuse only so much
     far = not walk.by_all_runs and current.error > STILL_FAR**2
-    larger = removed < MINOR and (far or not adequate)
+    larger = walk.partly or (removed < MINOR and (far or not adequate))
     judged = not walk.by_all_runs and not slow
     beside = [(NEARLY_ALL, FLOORS), (TWO_THIRDS, FEW_FLOORS)]
     larger = larger or (judged and any(removed < share and current.error > floors**2 for share, floors in beside))

@@ -18,7 +18,7 @@ from pneuid.criticism.decision.acceptance import (
     least_drop,
     moves_break_away_alone,
 )
-from pneuid.criticism.decision.all_runs import beyond_doubt, least_shown, shown_by_training
+from pneuid.criticism.decision.all_runs import beyond_doubt, far_beyond_chance, least_shown, shown_by_training
 from pneuid.criticism.decision.ascent import Ascent, Chosen
 from pneuid.criticism.decision.break_away import AT_BREAK_AWAY, leading_friction, shown_at_break_away
 from pneuid.criticism.decision.diagnosis import Candidate
@@ -53,6 +53,10 @@ TRAINING = (
 )
 UNEXPLAINED = "nothing that the training runs suggest explains the held-out runs; now all runs are fitted together"
 
+PARTLY = (
+    "{} is named beside what is still missing: runs left out are predicted by {:.2f} floors without it and by {:.2f} with it"
+)
+
 ASTRAY = (
     "{} is not named all the same: fitted to all runs but the one judged it leaves {:.2f} floors of the held-out error, {:.2f} "
     "without it, and more than they leave open"
@@ -72,12 +76,14 @@ MISSED, STAYS = 0.02, 0.25
 class Walk(Ascent):
     """Where a diagnosis on held-out runs stands.
 
-    by_all_runs : whether all runs decided, to which then the trials are fitted; lacking : the model fitted to all runs, where
-    nothing was named although an effect lowers their cost by more than chance; slow : whether the recordings are too slow to
-    show break-away; looked_at : named effects, each with those beside it, for which others were tried in their place.
+    by_all_runs : whether all runs decided, to which then the trials are fitted; partly : whether what they show predicts runs
+    that it was not fitted to only somewhat better; lacking : the model fitted to all runs, where nothing was named although an
+    effect lowers their cost by more than chance; slow : whether the recordings are too slow to show break-away; looked_at :
+    named effects, each with those beside it, for which others were tried in their place.
     """
 
     by_all_runs: bool = False
+    partly: bool = False
     lacking: Trial | None = None
     slow: bool = False
     looked_at: set[tuple[str, frozenset[str]]] = field(default_factory=set)
@@ -176,11 +182,14 @@ class Walk(Ascent):
         # a single held-out run has no others to learn from: what the training runs leave open may hide any gain
         may = share > 0.0 or len(others[1]) == 1
         better = share > asked or (may and self.judge.explains_across(trial, others[1]))
-        if not better and not beyond_doubt(base, both.current, self.judge):
+        clean = beyond_doubt(base, both.current, self.judge)
+        self.partly = not (better or clean) and share > LEAST_SHARE and far_beyond_chance(base, both.current)
+        if not (better or clean or self.partly):
             self.rungs.append(self.rung(trial, False))
             self.moved.append(ASTRAY.format(name, np.sqrt(trial.whole), np.sqrt(without.whole)))
             return
-        self.moved += [IN_TURN] if better else [IN_TURN, OUTSIDE]
+        errors = np.sqrt(without.whole), np.sqrt(trial.whole)
+        self.moved += [IN_TURN, *([PARTLY.format(name, *errors)] if self.partly else [] if better else [OUTSIDE])]
         self.rungs = [self.rung(without, True), *self.rungs[1:], self.rung(trial, True)]
         self.first, self.current = without, trial
         self.named, self.ambiguous, self.by_all_runs = [name], both.ambiguous, True
