@@ -131,7 +131,7 @@ def test_refits_are_made_where_all_runs_may_show_something(drop, learned, asked,
 def test_what_all_runs_show_is_named_and_judged_on_each_held_out_run_by_fits_to_the_others(monkeypatch):
     going, refitter, _ = walking(monkeypatch, 500.0, 13_500.0)
     assert not going.step(), "where the held-out runs cannot judge, nothing follows"
-    assert going.named == ["load_mass"] and going.by_all_runs and going.lacking is None
+    assert going.named == ["load_mass"] and going.by_all_runs and not going.partly and going.lacking is None
     in_turn = [("slow", "held"), ("slow", "fast")]
     assert refitter.asked == [("slow", "fast", "held"), *in_turn, *in_turn], "all, then without the effect and with it"
     assert going.current.others == going.first.others == tuple(in_turn)
@@ -205,7 +205,7 @@ def test_what_is_beyond_doubt_is_named_although_the_run_left_out_is_predicted_wo
     going, _, _ = walking(monkeypatch, 500.0, 13_500.0, left=(1.8, 60.0))
     monkeypatch.setattr(walk, "beyond_doubt", lambda *_: True)
     assert not going.step()
-    assert going.named == ["load_mass"] and going.by_all_runs and going.current.error == 60.0
+    assert going.named == ["load_mass"] and going.by_all_runs and going.partly and going.current.error == 60.0
     assert walk.OUTSIDE in going.moved
 
 

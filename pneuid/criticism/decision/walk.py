@@ -77,9 +77,9 @@ class Walk(Ascent):
     """Where a diagnosis on held-out runs stands.
 
     by_all_runs : whether all runs decided, to which then the trials are fitted; partly : whether what they show predicts runs
-    that it was not fitted to only somewhat better; lacking : the model fitted to all runs, where nothing was named although an
-    effect lowers their cost by more than chance; slow : whether the recordings are too slow to show break-away; looked_at :
-    named effects, each with those beside it, for which others were tried in their place.
+    that it was not fitted to hardly better, or worse; lacking : the model fitted to all runs, where nothing was named although
+    an effect lowers their cost by more than chance; slow : whether the recordings are too slow to show break-away;
+    looked_at : named effects, each with those beside it, for which others were tried in their place.
     """
 
     by_all_runs: bool = False
@@ -183,16 +183,15 @@ class Walk(Ascent):
         may = share > 0.0 or len(others[1]) == 1
         better = share > asked or (may and self.judge.explains_across(trial, others[1]))
         clean = beyond_doubt(base, both.current, self.judge)
-        self.partly = not (better or clean) and share > LEAST_SHARE and far_beyond_chance(base, both.current)
-        if not (better or clean or self.partly):
+        if not better and not clean and not (share > LEAST_SHARE and far_beyond_chance(base, both.current)):
             self.rungs.append(self.rung(trial, False))
             self.moved.append(ASTRAY.format(name, np.sqrt(trial.whole), np.sqrt(without.whole)))
             return
         errors = np.sqrt(without.whole), np.sqrt(trial.whole)
-        self.moved += [IN_TURN, *([PARTLY.format(name, *errors)] if self.partly else [] if better else [OUTSIDE])]
+        self.moved += [IN_TURN, *([] if better else [OUTSIDE] if clean else [PARTLY.format(name, *errors)])]
         self.rungs = [self.rung(without, True), *self.rungs[1:], self.rung(trial, True)]
         self.first, self.current = without, trial
-        self.named, self.ambiguous, self.by_all_runs = [name], both.ambiguous, True
+        self.named, self.ambiguous, self.by_all_runs, self.partly = [name], both.ambiguous, True, not better
 
     def _on_all(self, fit: Fit) -> Fit:
         return self.refitter.on(fit, (*self.current.fit.runs, *self.judge.held))
