@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from trials import FIRST, score, stub
 
-from pneuid.criticism.decision.rivals import LED, alike, contains, led
+from pneuid.criticism.decision.rivals import LED, alike, contains, led, outvoted
 
 
 def judged(small: float, spread: float) -> SimpleNamespace:
@@ -200,3 +200,23 @@ def test_one_of_its_group_that_the_training_runs_prefer_both_ways_is_a_rival(lef
     judge = SimpleNamespace(**{**vars(judged(0.15, 0.034)), "usually_fits": lambda trial: by[trial.added]})
     other = score(name, 1760.0), stub(left, cost, name)
     assert (other in alike(chosen, [chosen, other], stub(7.56, 14_554.0), judge)) == rival
+
+
+@pytest.mark.parametrize(
+    ("left", "cost", "servo", "added", "out"),
+    [
+        (6.3, 21_600.0, False, None, True),
+        (5.0, 21_600.0, False, None, False),  # less than half is left
+        (6.3, 33_200.0, False, None, False),  # shown 2.7 times as much
+        (6.3, 21_600.0, True, None, False),  # a servo rig has no all runs to ask
+        (6.3, 21_600.0, False, "gravity", False),
+        (None, 21_600.0, False, None, False),
+    ],
+)
+def test_what_a_bench_shows_in_training_far_more_outvotes_what_the_held_out_runs_chose(left, cost, servo, added, out):
+    """Of 9.4 squared floors a film that lags took a third and 1.3 % of 34 000, friction by pressure none and 37 %."""
+    current = stub(9.4, 34_000.0, added)
+    current.fit.plant = SimpleNamespace(servo=servo, effects=())
+    chosen = None if left is None else (score("friction_lag", 30.0), stub(left, 33_558.0, "friction_lag"))
+    shown = score("friction_pressure", 12_600.0), stub(9.5, cost, "friction_pressure")
+    assert outvoted(chosen, [shown, *([chosen] if chosen else [])], current) is out

@@ -25,7 +25,7 @@ from pneuid.criticism.decision.diagnosis import Candidate
 from pneuid.criticism.decision.evidence import as_refitted
 from pneuid.criticism.decision.exchange import exchanged
 from pneuid.criticism.decision.leftover import DEFECT_RATIO, FAR_OFF, explained_away, loudest
-from pneuid.criticism.decision.rivals import alike, alike_in_training, led, lookalikes, stayed_behind
+from pneuid.criticism.decision.rivals import alike, alike_in_training, led, lookalikes, outvoted, stayed_behind
 from pneuid.criticism.decision.rounds import (
     all_explained,
     leaves_far,
@@ -100,6 +100,7 @@ class Walk(Ascent):
         tried, chosen = self._round(scores, tried)
         if self._take_two(tried, chosen):
             return True
+        chosen = None if outvoted(chosen, tried, self.current) else chosen
         at_break_away = chosen is None and not self.named
         before, alike_there = self.current, tried
         if at_break_away:
