@@ -18,7 +18,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from hidden_effects import PLAN, TRAINING, Case, cases, hidden_of, servo_rig
+from hidden_cases import Case, cases
+from hidden_runs import PLAN, TRAINING, hidden_of, servo_rig
 
 from pneuid.virtual_rig import ATMOSPHERE, record_servo, write_csv
 

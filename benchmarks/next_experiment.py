@@ -20,13 +20,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from hidden_effects import DRAWN, KNOWN, Case, bench_rig, cases, fit, hidden_of, on_bench, runs_of, servo_rig, standing
+from hidden_cases import DRAWN, KNOWN, Case, cases, on_bench
+from hidden_runs import bench_rig, hidden_of, runs_of, servo_rig, standing
 
 from pneuid import api
 from pneuid.criticism.decision.diagnosis import Command
 from pneuid.criticism.decision.verdict import diagnose
 from pneuid.criticism.next_experiment.proposal import for_verdict
 from pneuid.criticism.unknown.rest import explained
+from pneuid.estimation.fit import fit
 from pneuid.recording import Recording
 from pneuid.virtual_rig import Motion, record_bench, record_command
 

@@ -10,7 +10,8 @@ import argparse
 from timeit import timeit
 
 import numpy as np
-from hidden_effects import KNOWN, Case, runs_of
+from hidden_cases import KNOWN, Case
+from hidden_runs import runs_of
 
 from pneuid import api
 from pneuid.criticism.screening.scores import screen
