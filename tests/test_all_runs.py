@@ -226,6 +226,23 @@ def test_what_all_runs_show_far_beyond_chance_and_helps_a_little_is_named_beside
     assert any("named beside what is still missing" in sentence for sentence in going.moved) == named
 
 
+@pytest.mark.parametrize("out", [True, False])
+def test_an_outvoted_effect_is_left_to_all_runs(out, monkeypatch):
+    going, _, _ = walking(monkeypatch, 500.0, 13_500.0)
+    monkeypatch.setattr(walk, "explained_away", lambda *_: False)
+    monkeypatch.setattr(walk, "outvoted", lambda *_: out)
+    lag = score("friction_lag", 30.0), stub(1.5, 13_900.0, "friction_lag")
+    lag[1].fit.runs = ("slow",)
+    for name, made in {"_screened": [], "_first_looks": [], "_take_two": False, "_round": ([lag], lag)}.items():
+        monkeypatch.setattr(going, name, lambda *_, made=made: made)
+    taken = []
+    monkeypatch.setattr(going, "_at_break_away", lambda tried: (tried, None))
+    monkeypatch.setattr(going, "_take", lambda chosen, *_: taken.append(chosen) or chosen is not None)
+    monkeypatch.setattr(going, "_by_all_runs", lambda why: taken.append(why) or False)
+    assert going.step() is not out
+    assert taken == ([None, walk.UNEXPLAINED] if out else [lag])
+
+
 def lag_of(tau: float) -> SimpleNamespace:
     """A trial with the force lagging by ``tau``, on runs of 1 kHz and 2 kHz."""
     runs = tuple(SimpleNamespace(data=np.full((1, 9), dt)) for dt in (5e-4, 1e-3))

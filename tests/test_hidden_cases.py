@@ -7,11 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from pneuid.effects import CATALOGUE
 from pneuid.recording import Recording
 from pneuid.rig import Rig
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 hidden_counts = pytest.importorskip("hidden_counts", reason="the benchmarks are not beside the tests")
+hidden_cases = pytest.importorskip("hidden_cases", reason="the benchmarks are not beside the tests")
 diagnosis_time = pytest.importorskip("diagnosis_time", reason="the benchmarks are not beside the tests")
 
 
@@ -51,3 +53,12 @@ def test_a_case_can_be_written_for_the_commands_that_are_timed(tmp_path):
     assert len(runs) == 5 and len(set(runs)) == 5
     recording = Recording.read(tmp_path / runs[0], Rig.from_toml(tmp_path / "rig.toml"))
     assert recording.n >= 6000 and {"u", "x", "p1", "p2"} <= set(recording.recorded)
+
+
+def test_pairs_are_drawn_anew_for_each_seed_from_effects_that_are_not_easily_confused():
+    drawn = [hidden_cases.drawn_pairs(seed) for seed in range(40)]
+    assert drawn[0] == hidden_cases.drawn_pairs(0) != drawn[1]
+    pairs = {pair for each in drawn for pair in each}
+    assert len(pairs) > 100 and not any(CATALOGUE[one].resembles(CATALOGUE[other]) for one, other in pairs)
+    told = hidden_counts.marks(row("drawn pair", ["gravity", "valve_lag"], "effect", ["valve_lag"]))
+    assert told == {"both": False, "one": True, "explained": True}

@@ -220,3 +220,7 @@ def test_what_a_bench_shows_in_training_far_more_outvotes_what_the_held_out_runs
     chosen = None if left is None else (score("friction_lag", 30.0), stub(left, 33_558.0, "friction_lag"))
     shown = score("friction_pressure", 12_600.0), stub(9.5, cost, "friction_pressure")
     assert outvoted(chosen, [shown, *([chosen] if chosen else [])], current) is out
+    if chosen is not None:
+        chosen[1].fit.relaxed_cost = chosen[1].fit.loose_cost = cost + 50.0
+        current.fit.relaxed_cost = current.fit.loose_cost = cost + 60.0
+        assert not outvoted(chosen, [shown, chosen], current), "six times as much, but no more than 50"
