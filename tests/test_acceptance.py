@@ -78,6 +78,33 @@ def test_beside_a_strong_first_effect_a_second_one_must_explain_nearly_all_that_
     assert (found is not None) == taken
 
 
+@pytest.mark.parametrize(
+    ("name", "ahead", "error", "usual", "cost", "taken"),
+    [
+        ("friction_presliding_memory", 9.0, 4.0, 0.5, 27_500.0, True),  # 0.4 % of the cost, nine tenths of what is left
+        ("friction_presliding_memory", 4.0, 4.0, 0.5, 27_500.0, False),  # screening expects as much of others
+        ("friction_presliding_memory", 9.0, 4.0, 0.5, 27_590.0, False),  # chance
+        ("friction_presliding_memory", 9.0, 20.0, 0.6, 27_500.0, True),  # a third of what is left, foretold by the training runs
+        ("friction_presliding_memory", 9.0, 20.0, 0.7, 27_500.0, False),
+        ("friction_presliding_memory", 9.0, 26.0, 0.4, 27_500.0, True),  # a sixth, and half of the training runs' errors
+        ("friction_presliding_memory", 9.0, 26.0, 0.6, 27_500.0, False),
+        ("friction_presliding_memory", 9.0, 28.5, 0.4, 27_500.0, False),  # less than a tenth
+        ("valve_dead_zone", 9.0, 26.0, 0.4, 27_500.0, False),  # on the balance whose own form may leave it
+        ("valve_dead_zone", 9.0, 4.0, 0.4, 27_500.0, False),  # and easily confused with what stands
+    ],
+)
+def test_what_stands_out_beside_another_effect_need_not_take_a_part_of_the_cost(
+    name, ahead, error, usual, cost, taken, monkeypatch
+):
+    standing = stub(30.8, 27_600.0, "valve_null_leakage")
+    standing.fit.plant.effects = (CATALOGUE["valve_null_leakage"],)
+    monkeypatch.setattr(JUDGE, "fits", lambda trial: usual if trial is not standing else 1.0)
+    monkeypatch.setattr(JUDGE, "usually_fits", lambda trial: usual if trial is not standing else 1.0)
+    tried = [(score(name, 60.0, ahead=ahead), stub(error, cost, name))]
+    found = acceptance.accepted(tried, standing, stub(14_500.0, 430_000.0), JUDGE)
+    assert (found is not None) == taken
+
+
 def test_costs_are_compared_with_loose_defects_where_one_has_no_others():
     """A base model too wrong for tight ones: what a later effect brings with tight ones says nothing beside it."""
 

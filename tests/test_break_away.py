@@ -85,3 +85,19 @@ def test_what_does_not_show_at_break_away_is_no_rival_of_what_does(monkeypatch):
         monkeypatch.setattr(walk.Walk, name, lambda *_, made=made, **__: made)
     monkeypatch.setattr(walk.Walk, "rung", lambda _, one, accepted: (one.added, accepted))
     assert here.step() and here.ambiguous == {DWELL: ()}
+
+
+@pytest.mark.parametrize(("ahead", "named"), [(9.0, ["valve_lag", DWELL]), (4.0, ["valve_lag"])])
+def test_beside_another_effect_what_stands_out_is_looked_at_however_loud_the_balances(ahead, named, monkeypatch):
+    here, first = walking(JUDGED, current=BASE), (score(DWELL, 30.0, ahead=ahead), trial(1.95, 7.0, 290.0, DWELL))
+    here.named = ["valve_lag"]
+    for name, made in {"loudest": 1.9, "settled": trial(1.4, 2.0, 86.0, DWELL), "leaves_much": False}.items():
+        monkeypatch.setattr(walk, name, lambda *_, made=made: made)
+    monkeypatch.setattr(ascent, "better_without", lambda *_: None)
+    for name, made in {"_cannot_judge": False, "_screened": [], "_round": ([first], None), "_record": None}.items():
+        monkeypatch.setattr(walk.Walk, name, lambda *_, made=made, **__: made)
+    monkeypatch.setattr(walk.Walk, "rung", lambda _, one, accepted: (one.added, accepted))
+    here.step()
+    assert here.named == named
+    said = [words for words in here.moved if "screening expects far more of it" in words and "2.86 to 1.41 floors" in words]
+    assert bool(said) is (DWELL in named)

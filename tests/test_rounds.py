@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -99,6 +100,14 @@ def test_a_strong_first_effect_does_not_hide_a_second_one():
     strong = stub(145.0, 430_000.0)
     assert _round([score("gravity", 2000.0)], [2.0], current=ALONE, first=strong)[0].made == ["gravity"]
     assert _round([score("gravity", 1000.0)], [], current=ALONE, first=strong)[0].made == []
+
+
+def test_what_stands_out_is_refitted_whatever_came_before_and_from_every_start():
+    memory = score("friction_presliding_memory", 90.0, ahead=6.0)
+    assert _round([memory], [40.0] * 3, current=ALONE)[0].made == [memory.effect.name] * 2, "a bench starts cold in any case"
+    for less in (replace(memory, ahead=4.0), replace(memory, drop=14.0)):
+        assert _round([less], [], current=ALONE)[0].made == []
+    assert _round([memory, score("gravity", 14.0)], [40.0] * 3, current=ALONE)[0].made == [memory.effect.name] * 2
 
 
 @pytest.mark.parametrize(

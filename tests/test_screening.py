@@ -58,6 +58,9 @@ def test_the_hidden_effect_or_its_group_comes_first(hidden):
     for other in found[1:]:
         if other.effect.name not in found[0].group and hidden not in other.group:
             assert other.drop < 0.95 * found[0].drop, other.effect.name
+    outside = [one.drop for one in found[1:] if one.effect.name not in found[0].group]
+    assert found[0].ahead == pytest.approx(found[0].drop / max(outside))
+    assert found[-1].ahead < 1.0
 
 
 def test_states_of_effects_follow_every_run_as_if_it_were_alone():

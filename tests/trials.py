@@ -26,8 +26,8 @@ def stub(error: float, cost: float, added: str | None = None, relaxation: float 
     return Trial(fit, error, error, {}, {}, {}, {}, added)  # type: ignore[arg-type]
 
 
-def score(name: str, drop: float, group: tuple[str, ...] = ()) -> Score:
-    return Score(CATALOGUE[name], drop, drop / 3e4, 1, {}, group)
+def score(name: str, drop: float, group: tuple[str, ...] = (), ahead: float = 1.0) -> Score:
+    return Score(CATALOGUE[name], drop, drop / 3e4, 1, {}, group, ahead=ahead)
 
 
 FIRST = stub(145.0, 43_000.0)

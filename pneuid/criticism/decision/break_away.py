@@ -21,6 +21,10 @@ AT_BREAK_AWAY = (
     "{} shows at break-away alone: no balance leaves a defect above noise, but with it the error of all held-out windows falls "
     "from {:.2f} to {:.2f} floors"
 )
+BESIDE_OTHERS = (
+    "{} shows at break-away: screening expects far more of it than of any other, and with it the error of all held-out windows "
+    "falls from {:.2f} to {:.2f} floors"
+)
 
 
 def leading_friction(tried: Tried, current: Trial, judge: Judge) -> tuple[Score, Trial] | None:

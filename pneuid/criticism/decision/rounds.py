@@ -8,7 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from pneuid.criticism.comparison.defects import ACTING_ON, equation_defects
-from pneuid.criticism.decision.acceptance import CLEAR_DROP, LEAST_DROP, LEAST_PART, LEAST_SHARE, WITHIN, Tried, costs
+from pneuid.criticism.decision.acceptance import (
+    CLEAR_DROP,
+    LEAST_DROP,
+    LEAST_PART,
+    LEAST_SHARE,
+    WITHIN,
+    Tried,
+    costs,
+    stands_out,
+)
 from pneuid.criticism.refitting.refits import Asked
 from pneuid.criticism.refitting.refitter import Refitter
 from pneuid.criticism.refitting.restarts import (
@@ -68,13 +77,15 @@ def refitted(
     What comes after the runner-up is spared where one before explains all there is.
     """
     newly = current.added is None
-    chosen = list(_shortlist(scores, REFITS if newly else LATER_REFITS, _worthy(current, first, least)))
+    alone = not newly and bool(scores) and stands_out(scores[0])
+    worthy = LEAST_DROP if alone else _worthy(current, first, least)
+    chosen = list(_shortlist(scores, REFITS if newly else LATER_REFITS, worthy))
     if not chosen:
         return []
     leader = scores[0]
     related = {leader.effect.name, *leader.group}
-    servo = current.fit.plant.servo
-    ways = {one.effect.name: _ways(one, one is leader, newly and one.effect.name in related, servo) for one in chosen}
+    servo, thorough = current.fit.plant.servo, newly or alone
+    ways = {one.effect.name: _ways(one, one is leader, thorough and one.effect.name in related, servo) for one in chosen}
     makes = _by_effect(refitter.each(current.fit, [asked for each in ways.values() for asked in each]))
     tried: Tried = []
     for score in chosen:

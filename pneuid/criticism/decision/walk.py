@@ -17,10 +17,11 @@ from pneuid.criticism.decision.acceptance import (
     costs,
     least_drop,
     moves_break_away_alone,
+    stands_out,
 )
 from pneuid.criticism.decision.all_runs import beyond_doubt, far_beyond_chance, least_shown, shown_by_training
 from pneuid.criticism.decision.ascent import Ascent, Chosen
-from pneuid.criticism.decision.break_away import AT_BREAK_AWAY, leading_friction, shown_at_break_away
+from pneuid.criticism.decision.break_away import AT_BREAK_AWAY, BESIDE_OTHERS, leading_friction, shown_at_break_away
 from pneuid.criticism.decision.diagnosis import Candidate
 from pneuid.criticism.decision.evidence import as_refitted
 from pneuid.criticism.decision.exchange import exchanged
@@ -101,7 +102,7 @@ class Walk(Ascent):
         if self._take_two(tried, chosen):
             return True
         chosen = None if outvoted(chosen, tried, self.current) else chosen
-        at_break_away = chosen is None and not self.named
+        at_break_away = chosen is None and (not self.named or (bool(tried) and stands_out(tried[0][0])))
         before, alike_there = self.current, tried
         if at_break_away:
             tried, chosen = self._at_break_away(tried)
@@ -109,14 +110,15 @@ class Walk(Ascent):
             alike_there = [pair for pair in tried if shown_at_break_away(pair[1], self.current, self.judge)]
         if self._take(chosen, tried, alike_there):
             if at_break_away and self.named:
-                self.moved.append(AT_BREAK_AWAY.format(self.named[0], np.sqrt(before.whole), np.sqrt(self.current.whole)))
+                said = AT_BREAK_AWAY if len(self.named) == 1 else BESIDE_OTHERS
+                self.moved.append(said.format(self.named[-1], np.sqrt(before.whole), np.sqrt(self.current.whole)))
             return True
         return not self.named and self._by_all_runs(UNEXPLAINED)
 
     def _at_break_away(self, tried: Tried) -> tuple[Tried, Chosen | None]:
         """Those tried, and what of them shows at break-away alone, in the few windows that the usual error leaves out."""
         pair = leading_friction(tried, self.current, self.judge)
-        if pair is None or loudest(self.current) > DEFECT_RATIO:
+        if pair is None or (loudest(self.current) > DEFECT_RATIO and not stands_out(pair[0])):
             return tried, None
         score, trial = pair[0], settled(*pair, self.current, self.judge, self.refitter, self.say)
         found = (score, trial) if shown_at_break_away(trial, self.current, self.judge) else None

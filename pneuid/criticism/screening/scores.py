@@ -49,7 +49,8 @@ within 1e-6, rounding disturbs it by 1e-4 of a sensor's noise at this step."""
 class Score:
     """Predicted gain of one effect: drop of half the sum of squares, degrees of freedom, amplitudes for a refit (SI).
 
-    shapes : those of its shapes (SI) that should start elsewhere than usual.
+    shapes : those of its shapes (SI) that should start elsewhere than usual; ahead : times the drop of the best effect outside
+    its group.
     """
 
     effect: Effect
@@ -59,6 +60,7 @@ class Score:
     start: dict[str, float]
     group: tuple[str, ...]
     shapes: Mapping[str, float] = field(default_factory=dict)
+    ahead: float = 0.0
 
     @property
     def whole_start(self) -> dict[str, float]:
@@ -99,10 +101,16 @@ def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list
     groups = _groups(fitted, changes)
     found = [
         Score(change.effect, change.drop, float(change.drop / max(fit.relaxed_cost, 1e-12)), len(change.start),
-              change.start, groups[change.effect.name], change.shapes)
+              change.start, groups[change.effect.name], change.shapes, _ahead(change, changes, groups[change.effect.name]))
         for change in changes
     ]  # fmt: skip
     return sorted(found, key=lambda score: -score.drop)
+
+
+def _ahead(change: Change, changes: Sequence[Change], group: Sequence[str]) -> float:
+    """Times the drop of the best effect outside the group."""
+    others = [one.drop for one in changes if one is not change and one.effect.name not in group]
+    return float(change.drop / max([1e-12, *others]))
 
 
 def screened(fitted: Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> list[Change]:
