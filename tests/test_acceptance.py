@@ -84,7 +84,7 @@ def test_beside_a_strong_first_effect_a_second_one_must_explain_nearly_all_that_
         ("friction_presliding_memory", 9.0, 4.0, 0.5, 27_500.0, True),  # 0.4 % of the cost, nine tenths of what is left
         ("friction_presliding_memory", 4.0, 4.0, 0.5, 27_500.0, False),  # screening expects as much of others
         ("friction_presliding_memory", 9.0, 4.0, 0.5, 27_590.0, False),  # chance
-        ("friction_presliding_memory", 9.0, 20.0, 0.6, 27_500.0, True),  # a third of what is left, foretold by the training runs
+        ("friction_presliding_memory", 9.0, 20.0, 0.6, 27_500.0, True),  # a third of it, foretold by the training runs
         ("friction_presliding_memory", 9.0, 20.0, 0.7, 27_500.0, False),
         ("friction_presliding_memory", 9.0, 26.0, 0.4, 27_500.0, True),  # a sixth, and half of the training runs' errors
         ("friction_presliding_memory", 9.0, 26.0, 0.6, 27_500.0, False),
