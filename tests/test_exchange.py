@@ -58,10 +58,14 @@ def test_one_whose_amplitude_lies_on_a_bound_takes_no_place(monkeypatch):
     assert _asked(monkeypatch, (9.4, 26_500.0), inside=False)[0] is None
 
 
-@pytest.mark.parametrize(("predicted", "named"), [(45.0, "gravity"), (68.0, None)])
-def test_one_that_costs_less_and_predicts_the_training_runs_worse_takes_no_place(predicted, named, monkeypatch):
+@pytest.mark.parametrize(
+    ("error", "predicted", "named"),
+    [(14.0, 45.0, "gravity"), (14.0, 50.0, None), (9.4, 50.0, "gravity"), (9.4, 68.0, None)],
+)
+def test_one_that_costs_less_and_predicts_the_training_runs_worse_takes_no_place(error, predicted, named, monkeypatch):
+    """A little worse it may predict them if it predicts the held-out ones clearly better."""
     judge = SimpleNamespace(**{**vars(JUDGE), "usually_fits": lambda trial: 46.0 if trial is BOTH else predicted})
-    assert _asked(monkeypatch, (9.4, 26_500.0), judge=judge)[0] == named
+    assert _asked(monkeypatch, (error, 26_500.0), judge=judge)[0] == named
 
 
 def _walk(monkeypatch, takes):

@@ -9,7 +9,6 @@ import numpy as np
 
 from pneuid.criticism.decision.acceptance import (
     CLEAR_DROP,
-    FORETOLD,
     LEAST_DROP,
     LEAST_SHARE,
     Tried,
@@ -327,7 +326,8 @@ class Walk(Ascent):
         return None if found is not None and self.slow and moves_break_away_alone(found[1], self.current) else found
 
     def _shown_in_training(self, tried: Tried, known: set[str]) -> Chosen | None:
-        """Beside other effects, the one that the training runs show most, if its refit predicts them far better than before.
+        """Beside other effects, the one that the training runs show most, if it takes a part of their cost and predicts them
+        better, in all windows and in the usual ones.
 
         Where the held-out runs do not bear it out it may have ended at a wrong optimum, and deserves other starts.
         """
@@ -338,7 +338,8 @@ class Walk(Ascent):
         for score, trial in tried:
             standing, ended = costs(current, trial)
             clear = standing - ended > CLEAR_DROP * standing
-            if clear and score.effect.name not in known and fits(trial) < FORETOLD * fits(current):
+            better = all(error(trial) < error(current) for error in (fits, self.judge.fits))
+            if clear and better and score.effect.name not in known:
                 shown.append((score, trial))
         return min(shown, key=lambda pair: fits(pair[1]), default=None)
 
