@@ -23,11 +23,11 @@ def exchanged(
 ) -> tuple[Score, Trial] | None:
     """What takes the place of one of a model's effects, and the trial with it, else None.
 
-    name : the effect; smaller : trial of the model without it. Held-out and training runs must both tell the other one from it,
+    name : the effect; smaller : trial of the model without it. Held-out and training runs must both tell the other from it,
     these by their cost and by what is predicted of them: of a seal's friction by pressure a warmth cost a third less in relaxed
     fits, left 22.6 floors held out and not 23.3, and 8.3 of the training runs and not 6.8. Where it predicts the held-out runs
-    clearly better, it may predict the training runs a little worse: beside a tube an offset of the right pressure left 3.1 floors
-    and not 4.1, and 3.5 of the training runs and not 3.4.
+    clearly better, it may predict the training runs a little worse: beside a tube an offset of the right pressure left 3.1 and
+    not 4.1 floors, and 3.5 and not 3.4 of the training runs.
     """
     if current.error - 1.0 < judge.small:
         return None
