@@ -92,37 +92,37 @@ def stands_out(score: Score) -> bool:
 
 def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[Score, Trial] | None:
     """The trial to accept, None where none qualifies."""
-    excess, original = current.error - 1.0, first.error - 1.0
-    good = []
-    for score, trial in tried:
-        fall = current.error - trial.error
-        part = fall / max(excess, 1e-12)
-        before, now, after = costs(first, current, trial)
-        # beside a first model that only loose defects can carry, these two may have tight ones, which absorb no force
-        standing, ended = costs(current, trial)
-        clear = standing - ended >= CLEAR_DROP * standing
-        alone = stands_out(score)
-        halved = alone and part >= LEAST_SHARE and _halves_training(trial, current, judge)
-        some = halved or (part >= SOME_SHARE and (clear or alone))
-        share = fall / original >= LEAST_SHARE or part >= CLEAR_SHARE or some
-        foreseen_there = judge.usually_fits(trial) < FORETOLD * judge.usually_fits(current)
-        foretold = (halved or (part >= SOME_SHARE and foreseen_there)) and _on_another_balance(score.effect, current)
-        of_its_form = _confused(score.effect, current)
-        if (clear or alone) and (part >= NEARLY_ALL or foretold) and not of_its_form:
-            enough = standing - ended > least_drop(current)
-        else:
-            enough = now - after > max(least_drop(current), LEAST_PART * (before - now))
-        near = part >= NEARLY_ALL and trial.error < WITHIN**2 and not of_its_form
-        errors = (judge.fits, judge.usually_fits)
-        foreseen = near and any(error(trial) < FORESEEN**2 * error(current) for error in errors)
-        told = excess > 0 and fall > 3 * judge.spread and share and (enough or foreseen) and inside_bounds(score, trial)
-        if told and _keeps_its_gain(trial, current, judge):
-            good.append((score, trial))
+    good = [pair for pair in tried if inside_bounds(*pair) and _qualifies(*pair, current, first, judge)]
     if not good:
         return None
     sound = [pair for pair in tried if inside_bounds(*pair) and not _confused(pair[0].effect, current)]
     best = _foreseen_far_better(_best_of(good, judge), sound, judge)
     return best if _keeps_its_gain(best[1], current, judge) else _best_of(good, judge)
+
+
+def _qualifies(score: Score, trial: Trial, current: Trial, first: Trial, judge: Judge) -> bool:
+    """Whether enough of the held-out error goes, and enough of the cost of the training runs or of their predictions."""
+    excess, fall = current.error - 1.0, current.error - trial.error
+    if excess <= 0 or fall <= 3 * judge.spread or not _keeps_its_gain(trial, current, judge):
+        return False
+    part = fall / excess
+    before, now, after = costs(first, current, trial)
+    # beside a first model that only loose defects can carry, these two may have tight ones, which absorb no force
+    standing, ended = costs(current, trial)
+    telling = stands_out(score) or standing - ended >= CLEAR_DROP * standing
+    halved = stands_out(score) and part >= LEAST_SHARE and _halves_training(trial, current, judge)
+    some = halved or (part >= SOME_SHARE and telling)
+    if fall < LEAST_SHARE * (first.error - 1.0) and part < CLEAR_SHARE and not some:
+        return False
+    of_its_form, nearly_all = _confused(score.effect, current), part >= NEARLY_ALL
+    foretold = halved or (part >= SOME_SHARE and judge.usually_fits(trial) < FORETOLD * judge.usually_fits(current))
+    explains = nearly_all or (foretold and _on_another_balance(score.effect, current))
+    if telling and explains and not of_its_form:
+        enough = standing - ended > least_drop(current)
+    else:
+        enough = now - after > max(least_drop(current), LEAST_PART * (before - now))
+    near = nearly_all and trial.error < WITHIN**2 and not of_its_form
+    return enough or (near and any(error(trial) < FORESEEN**2 * error(current) for error in (judge.fits, judge.usually_fits)))
 
 
 def _halves_training(trial: Trial, current: Trial, judge: Judge) -> bool:
