@@ -98,11 +98,13 @@ def test_what_stands_out_beside_another_effect_need_not_take_a_part_of_the_cost(
 ):
     standing = stub(30.8, 27_600.0, "valve_null_leakage")
     standing.fit.plant.effects = (CATALOGUE["valve_null_leakage"],)
-    monkeypatch.setattr(JUDGE, "fits", lambda trial: usual if trial is not standing else 1.0)
+    first, trial = stub(14_500.0, 430_000.0), stub(error, cost, name)
+    monkeypatch.setattr(JUDGE, "fits", lambda trial: min(usual, 0.45) if trial is not standing else 1.0)
     monkeypatch.setattr(JUDGE, "usually_fits", lambda trial: usual if trial is not standing else 1.0)
-    tried = [(score(name, 60.0, ahead=ahead), stub(error, cost, name))]
-    found = acceptance.accepted(tried, standing, stub(14_500.0, 430_000.0), JUDGE)
+    found = acceptance.accepted([(score(name, 60.0, ahead=ahead), trial)], standing, first, JUDGE)
     assert (found is not None) == taken
+    by_chance = [(score(name, 14.0, ahead=ahead), trial)]
+    assert acceptance.accepted(by_chance, standing, first, JUDGE) is None, "chance stands out of nothing"
 
 
 def test_costs_are_compared_with_loose_defects_where_one_has_no_others():

@@ -87,11 +87,13 @@ def test_what_does_not_show_at_break_away_is_no_rival_of_what_does(monkeypatch):
     assert here.step() and here.ambiguous == {DWELL: ()}
 
 
-@pytest.mark.parametrize(("ahead", "named"), [(9.0, ["valve_lag", DWELL]), (4.0, ["valve_lag"])])
-def test_beside_another_effect_what_stands_out_is_looked_at_however_loud_the_balances(ahead, named, monkeypatch):
+@pytest.mark.parametrize(
+    ("ahead", "loud", "named"), [(9.0, 1.9, ["valve_lag", DWELL]), (4.0, 1.9, ["valve_lag"]), (4.0, 1.1, ["valve_lag"])]
+)
+def test_beside_another_effect_what_stands_out_is_looked_at_however_loud_the_balances(ahead, loud, named, monkeypatch):
     here, first = walking(JUDGED, current=BASE), (score(DWELL, 30.0, ahead=ahead), trial(1.95, 7.0, 290.0, DWELL))
     here.named = ["valve_lag"]
-    for name, made in {"loudest": 1.9, "settled": trial(1.4, 2.0, 86.0, DWELL), "leaves_much": False}.items():
+    for name, made in {"loudest": loud, "settled": trial(1.4, 2.0, 86.0, DWELL), "leaves_much": False}.items():
         monkeypatch.setattr(walk, name, lambda *_, made=made: made)
     monkeypatch.setattr(ascent, "better_without", lambda *_: None)
     for name, made in {"_cannot_judge": False, "_screened": [], "_round": ([first], None), "_record": None}.items():
