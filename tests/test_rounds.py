@@ -95,6 +95,13 @@ def test_a_later_effect_must_promise_a_part_of_what_came_before():
     assert _round([score("gravity", 900.0)], [20.0], current=ALONE)[0].made == ["gravity"]
 
 
+def test_beside_a_later_leader_what_promises_half_as_much_is_looked_at_too():
+    pair = [score("dead_volume", 900.0), score("mounting_compliance", 500.0)]
+    assert _round(pair, [40.0, 30.0], current=ALONE)[0].made == ["dead_volume", "mounting_compliance"]
+    assert _round([pair[0], score("mounting_compliance", 440.0)], [40.0], current=ALONE)[0].made == ["dead_volume"]
+    assert _round([replace(one, drop=0.8 * one.drop) for one in pair], [], current=ALONE)[0].made == []
+
+
 def test_a_strong_first_effect_does_not_hide_a_second_one():
     # 5 % of the 402 400 that the first effect brought would be 20 120; 5 % of what is left is 1 380
     strong = stub(145.0, 430_000.0)

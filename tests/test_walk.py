@@ -335,6 +335,23 @@ def test_what_is_named_stands_in_order_of_weight_and_what_is_not_missed_is_dropp
     assert going.named == named
 
 
+@pytest.mark.parametrize(("relaxation", "named"), [(1.0, ["line_delay", "dead_volume"]), (0.1, ["dead_volume", "line_delay"])])
+def test_weights_are_told_by_defects_that_all_smaller_models_have(relaxation, named, monkeypatch):
+    """Without a tube only loose defects carry the model; tight ones show more of what the dead volume beside it takes."""
+    ends = {"dead_volume": stub(149.0, 37_100.0), "line_delay": stub(2300.0, 32_600.0, relaxation=relaxation)}
+    ends["dead_volume"].fit.loose_cost = 26_600.0
+    both = stub(10.4, 29_800.0, "dead_volume")
+    both.fit.plant = SimpleNamespace(effects=[CATALOGUE[name] for name in ends])
+    for end in ends.values():
+        end.fit.plant = both.fit.plant
+    monkeypatch.setattr(walk, "exchanged", lambda *_: None)
+    judge = SimpleNamespace(**vars(JUDGE), trial=lambda fit: fit)
+    going = walking(judge, SimpleNamespace(without=lambda _fit, name: ends[name]), both)
+    going.first, going.named = stub(2340.0, 33_000.0), ["dead_volume", "line_delay"]
+    monkeypatch.setattr(walk.Walk, "_not_missed", lambda *_: False)
+    assert not going.backward() and going.named == named
+
+
 @pytest.mark.parametrize(("lacking", "least"), [(True, 3.0), (False, 15.0)])
 def test_a_model_that_no_parameters_make_follow_is_refitted_with_what_promises_little(lacking, least, monkeypatch):
     seen, current = [], stub(145.0, 43_000.0)

@@ -95,7 +95,7 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[
     good = [pair for pair in tried if inside_bounds(*pair) and _qualifies(*pair, current, first, judge)]
     if not good:
         return None
-    sound = [pair for pair in tried if inside_bounds(*pair) and not _confused(pair[0].effect, current)]
+    sound = [pair for pair in tried if inside_bounds(*pair) and not confused(pair[0].effect, current)]
     best = _foreseen_far_better(_best_of(good, judge), sound, judge)
     return best if _keeps_its_gain(best[1], current, judge) else _best_of(good, judge)
 
@@ -114,7 +114,7 @@ def _qualifies(score: Score, trial: Trial, current: Trial, first: Trial, judge: 
     some = halved or (part >= SOME_SHARE and telling)
     if fall < LEAST_SHARE * (first.error - 1.0) and part < CLEAR_SHARE and not some:
         return False
-    of_its_form, nearly_all = _confused(score.effect, current), part >= NEARLY_ALL
+    of_its_form, nearly_all = confused(score.effect, current), part >= NEARLY_ALL
     foretold = halved or (part >= SOME_SHARE and judge.usually_fits(trial) < FORETOLD * judge.usually_fits(current))
     explains = nearly_all or (foretold and _on_another_balance(score.effect, current))
     if telling and explains and not of_its_form:
@@ -136,7 +136,7 @@ def _keeps_its_gain(trial: Trial, current: Trial, judge: Judge) -> bool:
     return current.error - judge.unseen(trial) > OWN_GAIN * (current.error - trial.error)
 
 
-def _confused(effect: Effect, current: Trial) -> bool:
+def confused(effect: Effect, current: Trial) -> bool:
     """Whether an effect is easily confused with one of the standing model, so that it may take up what that one's form leaves.
 
     A sensor whose filter is a running average left 2.6 floors with a first-order lag, and a skew of all channels, which brought

@@ -13,6 +13,7 @@ from pneuid.criticism.decision.acceptance import (
     LEAST_SHARE,
     Tried,
     accepted,
+    confused,
     costs,
     least_drop,
     moves_break_away_alone,
@@ -212,7 +213,7 @@ class Walk(Ascent):
         What remains is put in order of weight: first the effect without which the training runs cost most. The order in which
         effects were found is that of the prediction of break-away, which a small effect may turn first.
         """
-        costlier: dict[str, float] = {}
+        smaller_models: dict[str, Trial] = {}
         before = list(self.named)
         for name in before:
             if len(self.named) < 2 or name not in {effect.name for effect in self.current.fit.plant.effects}:
@@ -225,10 +226,10 @@ class Walk(Ascent):
                 self.named = [other for other in self.named if other != name]
                 self.current = smaller
                 continue
-            stands = self._exchange(name, smaller)
-            without, now = costs(smaller, self.current)
-            costlier[stands] = without - now
-        self.named.sort(key=lambda name: -costlier.get(name, np.inf))
+            smaller_models[self._exchange(name, smaller)] = smaller
+        # by defects that all of them have, as tight ones see more
+        missed = dict(zip(smaller_models, costs(*smaller_models.values()), strict=True))
+        self.named.sort(key=lambda name: -missed.get(name, np.inf))
         return set(self.named) != set(before)
 
     def _exchange(self, name: str, smaller: Trial) -> str:
@@ -326,8 +327,8 @@ class Walk(Ascent):
         return None if found is not None and self.slow and moves_break_away_alone(found[1], self.current) else found
 
     def _shown_in_training(self, tried: Tried, known: set[str]) -> Chosen | None:
-        """Beside other effects, the one that the training runs show most, if it takes a part of their cost and predicts them
-        better, in all windows and in the usual ones.
+        """Beside other effects that are not easily confused with it, the one that the training runs show most, if it takes a
+        part of their cost and predicts them better, in all windows and in the usual ones.
 
         Where the held-out runs do not bear it out it may have ended at a wrong optimum, and deserves other starts.
         """
@@ -339,7 +340,7 @@ class Walk(Ascent):
             standing, ended = costs(current, trial)
             clear = standing - ended > CLEAR_DROP * standing
             better = all(error(trial) < error(current) for error in (fits, self.judge.fits))
-            if clear and better and score.effect.name not in known:
+            if clear and better and score.effect.name not in known and not confused(score.effect, current):
                 shown.append((score, trial))
         return min(shown, key=lambda pair: fits(pair[1]), default=None)
 
