@@ -20,8 +20,8 @@ ROW = {"key": "a", "names": ["gravity"], "category": "within", "verdict": "ambig
 @pytest.mark.parametrize(
     ("change", "asked"),
     [
-        ({}, True), ({"verdict": "effect"}, False), ({"names": ["gravity", "backlash"]}, False), ({"category": "outside"}, False),
-        ({"category": "varied"}, False),
+        ({}, True), ({"verdict": "effect"}, False), ({"names": ["gravity", "backlash"]}, False),
+        ({"category": "outside"}, False), ({"category": "varied"}, False),
     ],
 )  # fmt: skip
 def test_ambiguous_cases_with_one_effect_on_a_rig_that_no_seed_draws_are_asked_again(change, asked, tmp_path):
