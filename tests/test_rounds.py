@@ -89,6 +89,23 @@ def test_nothing_promises_as_much_as_what_screening_does_not_see():
     assert [one.effect.name for one, _ in rounds.promised_alike(score("backlash", 72.0), tried)] == ["gravity"]
 
 
+def test_beside_others_what_starts_from_several_sizes_gets_the_same_care_at_half_the_promise():
+    drops = {"dead_volume": 900.0, "mounting_compliance": 640.0, "valve_offset": 640.0, "friction_lag": 440.0, "gravity": 870.0}
+    tried = [(score(name, drop), stub(90.0, 27_000.0, name)) for name, drop in drops.items()]
+
+    def alike(current, drop=900.0):
+        chosen = replace(tried[0][0], drop=drop)
+        given = [(chosen, tried[0][1]), *tried[1:]]
+        return [one.effect.name for one, _ in rounds.worth_the_same_care(chosen, given, current)]
+
+    beside = stub(30.8, 27_600.0, "gravity")
+    beside.fit.plant = SimpleNamespace(servo=True, effects=(), rig=SimpleNamespace(mass=1.0, A1=8e-4), law=None)
+    assert alike(beside) == ["mounting_compliance", "gravity"]
+    assert alike(ALONE) == ["gravity"], "a bench has one start for each"
+    assert alike(FIRST) == ["gravity"]
+    assert alike(beside, drop=1.0) == [], "screening expects nothing of what another look found"
+
+
 def test_a_later_effect_must_promise_a_part_of_what_came_before():
     # 5 % of the 15 400 that the first effect brought is 770
     assert _round([score("gravity", 700.0)], [], current=ALONE)[0].made == []

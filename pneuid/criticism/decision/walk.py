@@ -32,9 +32,9 @@ from pneuid.criticism.decision.rounds import (
     leaves_far,
     leaves_much,
     overtaking,
-    promised_alike,
     refitted,
     second_looks,
+    worth_the_same_care,
 )
 from pneuid.criticism.decision.together import Joined, joined
 from pneuid.criticism.decision.walk_on_all import WalkOnAll
@@ -282,7 +282,8 @@ class Walk(Ascent):
             if chosen is None or chosen[0].effect.name in known:
                 return tried, chosen
             # a look-alike has taken the place of one whose equals were started again
-            equals, behind = [] if late else promised_alike(chosen[0], tried)[:EQUALS], set[str]()
+            equals = [] if late else worth_the_same_care(chosen[0], tried, self.current)[:EQUALS]
+            behind = set[str]()
             for one in (chosen, *equals):
                 if one[0].effect.name in known or one[0].effect.name in behind:
                     continue
