@@ -102,23 +102,26 @@ class Walk(Ascent):
         if self._take_two(tried, chosen):
             return True
         chosen = None if outvoted(chosen, tried, self.current) else chosen
-        at_break_away = chosen is None and (not self.named or (bool(tried) and stands_out(tried[0][0])))
+        at_break_away, named = chosen is None, len(self.named)
         before, alike_there = self.current, tried
         if at_break_away:
             tried, chosen = self._at_break_away(tried)
             # most effects change the usual windows as little as this one
             alike_there = [pair for pair in tried if shown_at_break_away(pair[1], self.current, self.judge)]
         if self._take(chosen, tried, alike_there):
-            if at_break_away and self.named:
-                said = AT_BREAK_AWAY if len(self.named) == 1 else BESIDE_OTHERS
+            if at_break_away and len(self.named) > named:
+                said = BESIDE_OTHERS if named else AT_BREAK_AWAY
                 self.moved.append(said.format(self.named[-1], np.sqrt(before.whole), np.sqrt(self.current.whole)))
             return True
         return not self.named and self._by_all_runs(UNEXPLAINED)
 
     def _at_break_away(self, tried: Tried) -> tuple[Tried, Chosen | None]:
-        """Those tried, and what of them shows at break-away alone, in the few windows that the usual error leaves out."""
+        """Those tried, and what of them shows at break-away alone, in the few windows that the usual error leaves out.
+
+        Where nothing is named yet no balance may be loud; beside others, whose forms may leave one so, it must stand out.
+        """
         pair = leading_friction(tried, self.current, self.judge)
-        if pair is None or (loudest(self.current) > DEFECT_RATIO and not stands_out(pair[0])):
+        if pair is None or not (stands_out(pair[0]) if self.named else loudest(self.current) <= DEFECT_RATIO):
             return tried, None
         score, trial = pair[0], settled(*pair, self.current, self.judge, self.refitter, self.say)
         found = (score, trial) if shown_at_break_away(trial, self.current, self.judge) else None
