@@ -117,6 +117,9 @@ def test_beside_a_later_leader_what_promises_half_as_much_is_looked_at_too():
     assert _round(pair, [40.0, 30.0], current=ALONE)[0].made == ["dead_volume", "mounting_compliance"]
     assert _round([pair[0], score("mounting_compliance", 440.0)], [40.0], current=ALONE)[0].made == ["dead_volume"]
     assert _round([replace(one, drop=0.8 * one.drop) for one in pair], [], current=ALONE)[0].made == []
+    assert _round([replace(pair[0], drop=20.0), replace(pair[1], drop=14.0)], [40.0, 30.0, 20.0])[1] == ["dead_volume"], (
+        "what chance promises is not looked at in the first round"
+    )
 
 
 def test_a_strong_first_effect_does_not_hide_a_second_one():

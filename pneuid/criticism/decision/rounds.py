@@ -286,7 +286,7 @@ def _shortlist(scores: Sequence[Score], most: int, least: float) -> Iterator[Sco
     of the first."""
     if not scores or scores[0].drop <= least:
         return
-    least = max(min(least, CLOSE * scores[0].drop), WORTH_REFITTING * scores[0].drop)
+    least = max(min(least, max(LEAST_DROP, CLOSE * scores[0].drop)), WORTH_REFITTING * scores[0].drop)
     chosen = [score for score in scores if score.drop > least][:most]
     yield from chosen
     mates = {name for score in chosen[:1] for name in score.group} - {score.effect.name for score in chosen}
