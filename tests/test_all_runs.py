@@ -141,6 +141,22 @@ def test_what_all_runs_show_is_named_and_judged_on_each_held_out_run_by_fits_to_
     assert walk.IN_TURN in going.moved
 
 
+@pytest.mark.parametrize(("fits", "followed"), [(1.1, False), (58.0, True)])
+def test_what_cannot_follow_its_own_runs_is_followed_to_its_exact_end_before_it_predicts_the_one_left_out(
+    fits, followed, monkeypatch
+):
+    """A film that lags ended at ten times its time in relaxed fits to all runs but one, and at the right one in exact fits."""
+    going, refitter, _ = walking(monkeypatch, 500.0, 13_500.0)
+    exact = SimpleNamespace(fit=SimpleNamespace(runs="exact"))
+    asked = []
+    monkeypatch.setattr(walk, "to_the_end", lambda trial, *_: asked.append(trial.fit.runs) or exact)
+    going.judge.learned = lambda trial: fits < 1.15 or trial.fit.runs[-1] != "fast"
+    ends = going._in_turn(stub(1.0, 13_000.0).fit)
+    assert asked == ([("slow", "fast")] if followed else [])
+    assert [one.runs for one in ends] == [("slow", "held"), "exact" if followed else ("slow", "fast")]
+    assert refitter.asked == [("slow", "held"), ("slow", "fast")]
+
+
 @pytest.mark.parametrize(
     ("left", "named"), [((2.1, 1.5), True), ((2.1, 1.7), False), ((1.1, 1.05), True), ((1.1, 1.2), False), ((2.1, 9.0), False)]
 )

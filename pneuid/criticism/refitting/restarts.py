@@ -40,16 +40,17 @@ Say = Callable[[str], None]
 
 def followed(trial: Trial, current: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
     """The trial, or its exact fit, where it leaves more than next to nothing and that is the better one."""
-    return trial if _next_to_nothing(trial, current, judge) else _to_the_end(trial, judge, refitter, say)
+    return trial if _next_to_nothing(trial, current, judge) else to_the_end(trial, judge, refitter, say)
 
 
-def _to_the_end(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
+def to_the_end(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Trial:
     """The trial, or its exact fit, where that is the better one."""
     fit = trial.fit if trial.fit.exact is not None else refitter.completed(trial.fit)
     if fit is trial.fit:
         return trial
     exact = judge.trial(fit, trial.added)
-    say(f"{trial.added}: held-out error {np.sqrt(trial.whole):.2f} -> {np.sqrt(exact.whole):.2f} floors by its exact fit")
+    what = trial.added or "without an effect"
+    say(f"{what}: held-out error {np.sqrt(trial.whole):.2f} -> {np.sqrt(exact.whole):.2f} floors by its exact fit")
     return best_end([trial, exact], judge)
 
 
@@ -76,7 +77,7 @@ def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: 
     optimum is the right one.
     """
     if trial.error < MISFIT:
-        trial = _to_the_end(trial, judge, refitter, say)
+        trial = to_the_end(trial, judge, refitter, say)
     if _noise_alone(trial):
         return trial
     best = followed(read_anew(trial, judge, refitter, say), current, judge, refitter, say)
