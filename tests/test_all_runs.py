@@ -149,10 +149,10 @@ def test_what_cannot_follow_its_own_runs_is_followed_to_its_exact_end_before_it_
     going, refitter, _ = walking(monkeypatch, 500.0, 13_500.0)
     exact = SimpleNamespace(fit=SimpleNamespace(runs="exact"))
     asked = []
-    monkeypatch.setattr(walk, "to_the_end", lambda trial, *_: asked.append(trial.fit.runs) or exact)
+    monkeypatch.setattr(walk, "to_the_end", lambda trial, *_: asked.append((trial.added, trial.fit.runs)) or exact)
     going.judge.learned = lambda trial: fits < 1.15 or trial.fit.runs[-1] != "fast"
-    ends = going._in_turn(stub(1.0, 13_000.0).fit)
-    assert asked == ([("slow", "fast")] if followed else [])
+    ends = going._in_turn(stub(1.0, 13_000.0).fit, "friction_lag")
+    assert asked == ([("friction_lag", ("slow", "fast"))] if followed else []), "and what is said of it names the effect"
     assert [one.runs for one in ends] == [("slow", "held"), "exact" if followed else ("slow", "fast")]
     assert refitter.asked == [("slow", "held"), ("slow", "fast")]
 

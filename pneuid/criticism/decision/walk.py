@@ -180,7 +180,7 @@ class Walk(Ascent):
 
     def _take_shown(self, name: str, base: Trial, both: WalkOnAll) -> None:
         """Name what the walk on all runs named, unless it predicts runs that it was not fitted to worse than without it."""
-        others = [self._in_turn(fit) for fit in (base.fit, both.current.fit)]
+        others = [self._in_turn(base.fit), self._in_turn(both.current.fit, name)]
         without = self.judge.across(base.fit, others[0], None)
         trial = self.judge.across(both.current.fit, others[1], name)
         share = (without.error - trial.error) / max(without.error - 1.0, 1e-12)
@@ -202,15 +202,15 @@ class Walk(Ascent):
     def _on_all(self, fit: Fit) -> Fit:
         return self.refitter.on(fit, (*self.current.fit.runs, *self.judge.held))
 
-    def _in_turn(self, fit: Fit) -> list[Fit]:
-        """A model that was fitted to all runs, fitted to all but each of the held-out ones.
+    def _in_turn(self, fit: Fit, added: str | None = None) -> list[Fit]:
+        """A model that was fitted to all runs, with the effect ``added`` if any, fitted to all but each of the held-out ones.
 
         Each to its exact end, if that is the better one, where it cannot follow its own runs. A film that lags by 33 ms ended
         at 320 in relaxed fits, five floors off its own runs; their exact fits left noise there, and of the run left out.
         """
         held, training = self.judge.held, self.current.fit.runs
         ends = [self.refitter.on(fit, (*training, *(run for run in held if run is not one))) for one in held]
-        trials = [self.judge.trial(end) for end in ends]
+        trials = [self.judge.trial(end, added) for end in ends]
         how = self.judge, self.refitter, self.say
         return [one.fit if self.judge.learned(one) else to_the_end(one, *how).fit for one in trials]
 

@@ -49,7 +49,7 @@ def to_the_end(trial: Trial, judge: Judge, refitter: Refitter, say: Say) -> Tria
     if fit is trial.fit:
         return trial
     exact = judge.trial(fit, trial.added)
-    what = trial.added or "without an effect"
+    what = trial.added or "the model without it"
     say(f"{what}: held-out error {np.sqrt(trial.whole):.2f} -> {np.sqrt(exact.whole):.2f} floors by its exact fit")
     return best_end([trial, exact], judge)
 
