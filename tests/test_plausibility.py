@@ -232,6 +232,14 @@ def test_a_bench_with_a_physical_effect_has_no_slip(p1, p2, hidden):
     assert found_in(bench_rig(), bench_record(p1, p2, hidden)) == []
 
 
+@pytest.mark.parametrize(("reaches", "expected"), [(1.0, []), (0.6, ["clipped_sensor"])])
+def test_a_bench_may_hold_its_largest_speed_but_not_be_outrun(reaches, expected):
+    made = record_bench(TruthBench(), 5e5 + ATMOSPHERE, 2e5 + ATMOSPHERE, "strokes", seed=3, step=50e-6, with_truth=True)
+    top = reaches * np.abs(made["true_v"]).max()
+    record = {name: made[name] for name in ("t", "x", "p1", "p2", "F")} | {"v": np.clip(made["true_v"], -top, top)}
+    assert found_in(bench_rig(), record) == expected
+
+
 # --- all of them ---
 
 

@@ -16,12 +16,16 @@ NEAR = 0.005
 
 @dataclass(frozen=True)
 class Motion:
-    """Smoothed position, velocity and acceleration (N,), SI, and the spline's bandwidth in Hz."""
+    """Smoothed position, velocity and acceleration (N,), SI, and the spline's bandwidth in Hz.
+
+    speed_noise : spread (1-sigma, m/s) with which a recorded speed counted, None where none did.
+    """
 
     x: np.ndarray
     v: np.ndarray
     a: np.ndarray
     bandwidth: float
+    speed_noise: float | None = None
 
 
 def _smoothed(s: np.ndarray, x: np.ndarray, lam: float) -> tuple[np.ndarray, np.ndarray]:

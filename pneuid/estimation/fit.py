@@ -351,6 +351,6 @@ def _words(end: End, misfit: float) -> str:
     if end.lacking:
         return LACKING
     return (
-        "relaxed: little is unexplained, but the exact fit was not asked for or did not converge; "
-        "no standard errors, predictions at break-away may be off"
+        "relaxed: little is unexplained where the model may jump a little between intervals, but no fit without jumps stands "
+        "behind it; no standard errors, predictions at break-away may be off"
     )

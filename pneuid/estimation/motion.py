@@ -4,10 +4,14 @@ Pre-sliding lives in micrometres and milliseconds after a reversal, a few sample
 bandwidth for the whole record hides its error there. So the third derivative of the motion is taken for random with
 a variance of its own at every moment, and the variances are those that make the measured positions most likely.
 At rest the speed is zero and not noise about zero: the bristle relaxes with ``|v|``, so noise of 0.02 mm/s forgets a
-fifth of it in 0.1 s.
+fifth of it in 0.1 s. For the same reason a recorded speed is not taken as it is, but measures the motion as the position does,
+each by its own noise.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +24,12 @@ Array = NDArray[np.float64]
 
 ORDER = 3
 """Derivative that is random: the jerk."""
+
+STENCIL = 5
+"""Neighbours whose positions give the speed at the middle one."""
+
+MISSED = 1.0 / 36.0
+"""Error of that speed for a jerk that is white from sample to sample with spread one, in samples."""
 
 WINDOW = 12
 """Samples that share one variance of the jerk; of the order of the shortest ramp worth following."""
@@ -39,15 +49,31 @@ STRICT = 4.0
 EDGE = 6
 """Samples whose mean tells where a rest ends."""
 
+DISAGREE, STRETCH = 2.0, 200
+"""Mean square residual of the position, in noise levels, over that many samples from which position and speed do not agree."""
+
+WIDER, TRIES = 4.0, 6
+"""Times its spread by which a speed counts less where it does not agree with the position, and how often at most."""
+
 ONSET = 0.005
 """Seconds at the end of a rest in which a movement may have begun below the noise."""
 
 
-def refined_motion(t: Array, x: Array, noise: float) -> Motion:
+@dataclass(frozen=True)
+class Speed:
+    """A recorded speed: v (N,) in m/s and its spread (1-sigma, m/s)."""
+
+    v: Array
+    noise: float
+
+
+def refined_motion(t: Array, x: Array, noise: float, speed: Speed | None = None) -> Motion:
     """Smooth ``x`` (m) over ``t`` (s, any spacing), ``noise`` in m (1-sigma): softly where the motion is steady.
 
     Whittaker's smoother of third differences (Proc. Edinburgh Math. Soc. 41 (1922) 63) with a variance per moment, found by
-    expectation-maximisation of the marginal likelihood (Dempster, Laird, Rubin, J. R. Stat. Soc. B 39 (1977) 1). The
+    expectation-maximisation of the marginal likelihood (Dempster, Laird, Rubin, J. R. Stat. Soc. B 39 (1977) 1). A recorded
+    ``speed`` counts by its noise, and where the motion is lively by what differences of positions miss; one that leads away
+    from the position (a gain or an offset of its own, a lag) counts less, by the spread that is returned. The
     bandwidth returned is that of the liveliest moment. A record too short for that gets a spline of one bandwidth. The
     same data give the same result.
     """
@@ -55,33 +81,87 @@ def refined_motion(t: Array, x: Array, noise: float) -> Motion:
         return spline_motion(t, x, noise)
     step = float(np.median(np.diff(t)))
     s, level = (t - t[0]) / step, float(np.mean(x))
-    smooth, variance = _smoothed(s, (x - level) / noise)
+    unit = noise / step
+    rate = None if speed is None else _Rate(s, speed.v / unit, speed.noise / unit)
+    smooth, variance, rate = _together(s, (x - level) / noise, rate)
     spline = make_interp_spline(s, smooth, k=5)
     fitted = level + noise * smooth
     v, a = (noise * np.asarray(spline.derivative(k)(s)) / step**k for k in (1, 2))
-    for rest in _rests(x, noise, step):
+    if speed is not None and rate is not None:
+        v[rate.rows] += unit * rate.missed(smooth, variance)
+        speed = Speed(speed.v, unit * rate.noise)
+    for rest in _rests(x, noise, step, speed):
         fitted[rest], v[rest], a[rest] = np.mean(x[rest]), 0.0, 0.0
     bandwidth = float(variance.max()) ** (0.5 / ORDER) / (2.0 * np.pi * step)
-    return Motion(fitted, v, a, bandwidth)
+    return Motion(fitted, v, a, bandwidth, None if speed is None else speed.noise)
 
 
-def _smoothed(s: Array, y: Array) -> tuple[Array, Array]:
+def _together(s: Array, y: Array, rate: _Rate | None) -> tuple[Array, Array, _Rate | None]:
+    """Smoothed position and variances as of ``_smoothed``, and the rate with the spread at which it agrees with it."""
+    smooth, variance = _smoothed(s, y, rate)
+    for _ in range(TRIES):
+        if rate is None or _agree(y - smooth):
+            break
+        rate = rate.wider()
+        smooth, variance = _smoothed(s, y, rate)
+    return smooth, variance, rate
+
+
+def _agree(residual: Array) -> bool:
+    """Whether no stretch of a position's residual, in noise levels, shows more than noise."""
+    length = min(STRETCH, residual.size)
+    return bool(np.max(np.convolve(residual**2, np.ones(length), mode="valid")) < DISAGREE * length)
+
+
+class _Rate:
+    """Smoothed position and variances as of ``_smoothed``, and the rate with the spread at which both agree."""
+
+    def __init__(self, s: Array, values: Array, noise: float) -> None:
+        margin = STENCIL // 2
+        self.rows = slice(margin, s.size - margin)
+        self.s, self.given, self.noise = s, values, noise
+        self.D, self.values = _rates(s), values[self.rows]
+
+    def wider(self) -> _Rate:
+        """The same with more spread."""
+        return _Rate(self.s, self.given, WIDER * self.noise)
+
+    def weights(self, variance: Array) -> Array:
+        """One over the squared spread of every value about the rate by differences, for variances (N - 3,) of the jerk."""
+        return 1.0 / (self.noise**2 + self._missed_square(variance))
+
+    def missed(self, smooth: Array, variance: Array) -> Array:
+        """What differences of ``smooth`` (N,) most likely miss of the rate."""
+        part = self._missed_square(variance)
+        return (self.values - _times(self.D, smooth)) * part / (self.noise**2 + part)
+
+    def _missed_square(self, variance: Array) -> Array:
+        return MISSED**2 * 0.5 * (variance[:-1] + variance[1:])
+
+
+def _smoothed(s: Array, y: Array, rate: _Rate | None = None) -> tuple[Array, Array]:
     """The smoothed ``y`` (N,), whose noise is 1, over ``s`` (N,) in samples, and the variances (N - 3,) of its jerk."""
     D = _third_differences(s)
     rng = np.random.default_rng(0)
     variance, window = np.full(len(D), START), np.ones(WINDOW)
     count = np.convolve(np.ones(len(D)), window, mode="same")
     for _ in range(PASSES):
-        factor = _factor(D, variance)
-        jerk = _differenced(D, cho_solve_banded(factor, y))
+        factor = _factor(D, variance, rate)
+        jerk = _times(D, cho_solve_banded(factor, _pull(y, variance, rate)))
         square = jerk**2
         for _ in range(DRAWS):
-            # a draw of the posterior about its mean: noise on the positions and on the jerk, smoothed as they are
-            kicks = _transposed(D, rng.standard_normal(len(D)) / np.sqrt(variance))
-            drawn = cho_solve_banded(factor, rng.standard_normal(y.size) + kicks)
-            square += _differenced(D, drawn) ** 2 / DRAWS
+            # a draw of the posterior about its mean: noise on the measurements and on the jerk, smoothed as they are
+            drawn = rng.standard_normal(y.size) + _transposed(D, rng.standard_normal(len(D)) / np.sqrt(variance))
+            if rate is not None:
+                drawn += _transposed(rate.D, rng.standard_normal(len(rate.D)) * np.sqrt(rate.weights(variance)))
+            square += _times(D, cho_solve_banded(factor, drawn)) ** 2 / DRAWS
         variance = np.maximum(np.convolve(square, window, mode="same") / count, LEAST)
-    return np.asarray(cho_solve_banded(_factor(D, variance), y)), variance
+    return np.asarray(cho_solve_banded(_factor(D, variance, rate), _pull(y, variance, rate))), variance
+
+
+def _pull(y: Array, variance: Array, rate: _Rate | None) -> Array:
+    """What the measurements pull at (N,): the right-hand side of the smoother's equations."""
+    return y if rate is None else y + _transposed(rate.D, rate.weights(variance) * rate.values)
 
 
 def _third_differences(s: Array) -> Array:
@@ -95,47 +175,91 @@ def _third_differences(s: Array) -> Array:
     return weights
 
 
-def _differenced(D: Array, y: Array) -> Array:
-    return np.asarray(sum(D[:, j] * y[j : j + len(D)] for j in range(ORDER + 1)))
+def _rates(s: Array) -> Array:
+    """Rows (N - 4, 5): the weights with which five neighbours of uneven spacing give the first derivative at the middle one."""
+    rows, middle = s.size - STENCIL + 1, STENCIL // 2
+    at = [s[j : rows + j] for j in range(STENCIL)]
+    weights = np.zeros((rows, STENCIL))
+    for j in set(range(STENCIL)) - {middle}:
+        weights[:, j] = 1.0 / (at[j] - at[middle])
+        for k in set(range(STENCIL)) - {middle, j}:
+            weights[:, j] *= (at[middle] - at[k]) / (at[j] - at[k])
+    weights[:, middle] = -weights.sum(axis=1)
+    return weights
 
 
-def _transposed(D: Array, jerk: Array) -> Array:
-    found = np.zeros(len(D) + ORDER)
-    for j in range(ORDER + 1):
-        found[j : j + len(D)] += D[:, j] * jerk
+def _times(D: Array, y: Array) -> Array:
+    """``D y`` (rows,), each row of ``D`` (rows, width) standing at its own sample and those that follow."""
+    return np.asarray(sum(D[:, j] * y[j : j + len(D)] for j in range(D.shape[1])))
+
+
+def _transposed(D: Array, weights: Array) -> Array:
+    found = np.zeros(len(D) + D.shape[1] - 1)
+    for j in range(D.shape[1]):
+        found[j : j + len(D)] += D[:, j] * weights
     return found
 
 
-def _factor(D: Array, variance: Array) -> tuple[Array, bool]:
-    """Cholesky factor of ``1 + D' D / variance`` as ``cho_solve_banded`` takes it."""
-    band = np.zeros((ORDER + 1, len(D) + ORDER))
-    band[ORDER] = 1.0
-    for i in range(ORDER + 1):
-        for j in range(i, ORDER + 1):
-            band[ORDER + i - j, j : j + len(D)] += D[:, i] * D[:, j] / variance
+def _factor(D: Array, variance: Array, rate: _Rate | None) -> tuple[Array, bool]:
+    """Cholesky factor of ``1 + D' D / variance``, and of what a measured rate adds, as ``cho_solve_banded`` takes it."""
+    parts = [(D, 1.0 / variance)] if rate is None else [(D, 1.0 / variance), (rate.D, rate.weights(variance))]
+    width = max(rows.shape[1] for rows, _ in parts)
+    band = np.zeros((width, len(D) + ORDER))
+    band[-1] = 1.0
+    for rows, weights in parts:
+        for i in range(rows.shape[1]):
+            for j in range(i, rows.shape[1]):
+                band[width - 1 + i - j, j : j + len(rows)] += rows[:, i] * rows[:, j] * weights
     return cholesky_banded(band), False
 
 
-def _rests(x: Array, noise: float, step: float) -> list[slice]:
-    """Stretches in which the position (m, sampled every ``step`` s) does not move; their uncertain ends left out."""
+def _rests(x: Array, noise: float, step: float, speed: Speed | None = None) -> list[slice]:
+    """Stretches in which the position (m, sampled every ``step`` s) does not move; their uncertain ends left out.
+
+    The recorded speed must be noise about zero there, too: a creep may stay below the position's noise.
+    """
     least, onset = max(REST, round(REST_SECONDS / step)), max(3, round(ONSET / step))
     if x.size < least:
         return []
-    sums = np.cumsum(np.insert(np.vstack([x - x[0], (x - x[0]) ** 2]), 0, 0.0, axis=1), axis=1)
-    mean, square = (sums[:, least:] - sums[:, :-least]) / least
-    still = square - mean**2 < noise**2 * (1.0 + STRICT * np.sqrt(2.0 / least))
+    mean, square = _in_windows(x - x[0], least)
+    still = _quiet(square - mean**2, noise, least)
+    if speed is not None:
+        still = still & _quiet(_in_windows(speed.v, least)[1], speed.noise, least)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
-    found, allowed = [], 3.0 * noise / np.sqrt(EDGE)
+    found = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         # a window that is still starts at every sample from begin to end - 1; its tails may hold the first movement
         first, last = int(begin), int(end) - 1 + least
-        level = float(np.mean(x[first + least // 4 : last - least // 4]))
-        while first < last and abs(float(np.mean(x[first : first + EDGE])) - level) > allowed:
-            first += 1
-        while last > first and abs(float(np.mean(x[last - EDGE : last])) - level) > allowed:
-            last -= 1
+        middle = slice(first + least // 4, last - least // 4)
+        parts = [(x - np.mean(x[middle]), noise)] + ([] if speed is None else [(speed.v, speed.noise)])
+        first, last = _inside(first, last, parts)
         # a movement begins below the noise: what is lost of it would count as bristle stiffness
         first, last = first + onset * (first > 0), last - onset * (last < x.size)
         if last - first >= EDGE:
             found.append(slice(first, last))
     return found
+
+
+def _in_windows(y: Array, length: int) -> tuple[Array, Array]:
+    """Mean and mean square of every window (N - length + 1,) of ``y`` (N,)."""
+    sums = np.cumsum(np.insert(np.vstack([y, y**2]), 0, 0.0, axis=1), axis=1)
+    mean, square = (sums[:, length:] - sums[:, :-length]) / length
+    return mean, square
+
+
+def _quiet(square: Array, noise: float, length: int) -> NDArray[np.bool_]:
+    """Where a window's mean square is that of noise."""
+    return np.asarray(square < noise**2 * (1.0 + STRICT * np.sqrt(2.0 / length)))
+
+
+def _inside(first: int, last: int, parts: Sequence[tuple[Array, float]]) -> tuple[int, int]:
+    """A stretch without the ends where one of the ``parts``, each with its noise, does not stand at zero."""
+
+    def off(begin: int) -> bool:
+        return any(abs(float(np.mean(y[begin : begin + EDGE]))) > 3.0 * noise / np.sqrt(EDGE) for y, noise in parts)
+
+    while first < last and off(first):
+        first += 1
+    while last > first and off(max(last - EDGE, 0)):
+        last -= 1
+    return first, last

@@ -9,7 +9,7 @@ import numpy as np
 
 from pneuid.estimation.differentiate import Motion, spline_motion
 from pneuid.estimation.end_stops import contact
-from pneuid.estimation.motion import refined_motion
+from pneuid.estimation.motion import Speed, refined_motion
 from pneuid.estimation.noise import sensor_noise
 from pneuid.estimation.own import Own, own_of
 from pneuid.estimation.robust import HUBER, pseudo_values
@@ -64,8 +64,10 @@ class Run:
 
 
 def noise_of(rig: Rig, recordings: Sequence[Recording]) -> dict[str, float]:
-    """1-sigma of every measured output and, on a bench, of the measured position (SI)."""
-    names = ("x", "p1", "p2") if rig.kind == "servo" else ("F", "x")
+    """1-sigma of every measured output and, on a bench, of the measured position and, where recorded, speed (SI)."""
+    names = ["x", "p1", "p2"] if rig.kind == "servo" else ["F", "x"]
+    if rig.kind == "bench" and all("v" in run.recorded for run in recordings):
+        names.append("v")
     # without what was filled in between: a straight line has no noise
     seen = {name: [run.signals[name][run.weights[name] > 0] for run in recordings] for name in names}
     noise = sensor_noise(rig.noise, seen)
@@ -87,13 +89,10 @@ def prepare(recording: Recording, plant: Plant, noise: dict[str, float]) -> Run:
     t, dt = recording.t, np.diff(recording.t, append=2 * recording.t[-1] - recording.t[-2])
     signals, notes = _without_outliers(recording, noise)
     # on a bench the motion is an input, and its error at a reversal would pass for friction
-    motion = (spline_motion if plant.servo else refined_motion)(t, signals["x"], noise["x"])
+    motion = spline_motion(t, signals["x"], noise["x"]) if plant.servo else _imposed(recording, signals, noise)
     given = _servo_inputs(recording, plant) if plant.servo else _bench_inputs(recording, signals, plant, motion)
     if not plant.servo:
-        notes.append(
-            f"{recording.name}: speed and acceleration from x, smoothed as its jerk allows, "
-            f"bandwidth at most {motion.bandwidth:.3g} Hz at {noise['x'] * 1e6:.3g} um noise"
-        )
+        notes += _how_smoothed(recording.name, motion, noise)
     w = np.vstack([given[name] for name in plant.inputs])
     slopes = np.diff(w, axis=1, append=w[:, -1:]) / dt
     if plant.rig.input_hold == "zero-order" and plant.servo:
@@ -124,7 +123,7 @@ def _without_outliers(
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """Signals with outliers drawn in, and what was found."""
     signals, notes = dict(recording.signals), []
-    for name in ("x", "p1", "p2", "F"):
+    for name in ("x", "v", "p1", "p2", "F"):
         if name not in recording.recorded or name not in noise:
             continue
         y = signals[name]
@@ -139,12 +138,34 @@ def _without_outliers(
     return signals, notes
 
 
+def _imposed(recording: Recording, signals: dict[str, np.ndarray], noise: dict[str, float]) -> Motion:
+    """The motion that a bench imposes, from the position and, where all runs have it, the recorded speed."""
+    speed = Speed(signals["v"], noise["v"]) if "v" in noise and "v" in recording.recorded else None
+    return refined_motion(recording.t, signals["x"], noise["x"], speed)
+
+
+def _how_smoothed(name: str, motion: Motion, noise: dict[str, float]) -> list[str]:
+    """What the motion of a bench run was made from."""
+    spread = motion.speed_noise
+    source = "x" if spread is None else f"x and v (noise {noise['v'] * 1e3:.2g} mm/s)"
+    made = (
+        f"{name}: speed and acceleration from {source}, smoothed as its jerk allows, "
+        f"bandwidth at most {motion.bandwidth:.3g} Hz at {noise['x'] * 1e6:.3g} um noise"
+    )
+    if spread is None or spread < 1.01 * noise["v"]:
+        return [made]
+    own = (
+        f"{name}: the recorded v does not follow x within its noise (a gain, an offset or a filter of its own?); "
+        f"it counts as if its noise were {spread * 1e3:.2g} mm/s"
+    )
+    return [made, own]
+
+
 def _bench_inputs(
     recording: Recording, signals: dict[str, np.ndarray], plant: Plant, motion: Motion
 ) -> dict[str, np.ndarray]:
     still = np.full(recording.n, plant.rig.patm)
-    v = signals.get("v", motion.v)
-    return {"x": motion.x, "v": v, "a": motion.a, "p1": signals.get("p1", still), "p2": signals.get("p2", still)}
+    return {"x": motion.x, "v": motion.v, "a": motion.a, "p1": signals.get("p1", still), "p2": signals.get("p2", still)}
 
 
 def data_ranges(runs: Sequence[Recording], plant: Plant) -> dict[str, float]:

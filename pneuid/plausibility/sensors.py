@@ -24,6 +24,8 @@ _BESIDE = 8
 """Samples beside a stretch that show how the signal moves where it is not clipped."""
 _STEPS = 3.0
 """Movement beside a stretch, in steps of the sensor's resolution, below which the signal may really rest there."""
+_OUTRUN = 0.02
+"""Share of a recorded speed by which the position outruns one that is clipped."""
 _PRESLIDING = 100e-6
 """Travel after a reversal within which a bristle is strained [m]: twice a usual Fs/sigma0."""
 _FEWEST = 4
@@ -39,7 +41,7 @@ def clipped_sensor(_rig: Rig, runs: Sequence[Recording]) -> Finding | None:
             values = run.signals[signal]
             for extreme, end in ((float(values.max()), "largest"), (float(values.min()), "smallest")):
                 stretches = _stretches(values, extreme, run.weights[signal] > 0.0)
-                if stretches:
+                if stretches and (signal != "v" or _outrun(run, extreme, end, stretches)):
                     return _clipped(run, signal, extreme, end, stretches)
     return None
 
@@ -61,6 +63,14 @@ def _stretches(values: FloatArray, extreme: float, measured: NDArray[np.bool_]) 
         if after - first >= _STRETCH and beside.size >= 4 and float(np.median(beside)) >= _STEPS * resolution:
             found.append((int(first), int(after) - 1))
     return found
+
+
+def _outrun(run: Recording, extreme: float, end: str, stretches: list[tuple[int, int]]) -> bool:
+    """Whether the position moves faster than a speed that stands at its extreme: a bench may well hold its largest speed."""
+    travel = sum(float(run.signals["x"][last] - run.signals["x"][first]) for first, last in stretches)
+    speed = travel / sum(float(run.t[last] - run.t[first]) for first, last in stretches)
+    beyond = speed - extreme if end == "largest" else extreme - speed
+    return beyond > _OUTRUN * abs(extreme)
 
 
 def _clipped(run: Recording, signal: str, extreme: float, end: str, stretches: list[tuple[int, int]]) -> Finding:

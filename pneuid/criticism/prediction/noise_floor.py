@@ -10,7 +10,7 @@ import numpy as np
 from pneuid.criticism.prediction.frozen import Frozen
 from pneuid.criticism.prediction.horizons import Prediction, ahead_of, free_run, rmse, used, windows
 from pneuid.criticism.prediction.window_starts import start_states
-from pneuid.estimation.motion import refined_motion
+from pneuid.estimation.motion import Speed, refined_motion
 from pneuid.estimation.preparation import Run
 from pneuid.interval import IntervalFunction
 from pneuid.simulate import simulate
@@ -101,12 +101,11 @@ def _drawn_bench(model: Frozen, function: IntervalFunction, run: Run) -> Draw:
 
     def draw(rng: np.random.Generator) -> Prediction:
         """Prediction of the run where motion and force are measured with noise of this generator."""
-        again = refined_motion(run.t, run.motion.x + model.noise["x"] * rng.standard_normal(run.n), model.noise["x"])
+        moved, spread = run.motion.x + model.noise["x"] * rng.standard_normal(run.n), run.motion.speed_noise
+        speed = None if spread is None else Speed(run.motion.v + spread * rng.standard_normal(run.n), spread)
+        again = refined_motion(run.t, moved, model.noise["x"], speed)
         data = run.data.copy()
-        replaced = {"x": again.x, "a": again.a}
-        if "v" not in run.recording.recorded:
-            replaced["v"] = again.v
-        for name, value in replaced.items():
+        for name, value in (("x", again.x), ("v", again.v), ("a", again.a)):
             data[1 + plant.inputs.index(name)] = value
         data[1 + nw : 1 + 2 * nw] = np.diff(data[1 : 1 + nw], axis=1, append=data[1 : 1 + nw, -1:]) / data[0]
         data[-2 * ny : -ny] = clean + model.noise["F"] * rng.standard_normal(clean.shape)

@@ -9,7 +9,6 @@ import numpy as np
 
 from pneuid.estimation.bench.sections import Section, constant_velocity_sections
 from pneuid.estimation.fit import Fit, fit
-from pneuid.estimation.motion import refined_motion
 from pneuid.estimation.preparation import Run, noise_of, prepare
 from pneuid.estimation.solver import Monitor
 from pneuid.plant import Plant
@@ -43,24 +42,10 @@ def joint_fit(
 def joint_runs(plant: Plant, recordings: Sequence[Recording], noise: Mapping[str, float]) -> tuple[Run, ...]:
     """The runs for ``estimation.fit.fit`` of a bench, in the order of ``recordings``.
 
-    Speed and acceleration follow reversals (``motion.refined_motion``); in the settled part of constant-velocity sections,
-    where force and speed stay, ``BLOCK`` samples become one with the weight of all. ``noise`` is 1-sigma per signal, SI.
+    In the settled part of constant-velocity sections, where force and speed stay, ``BLOCK`` samples become one with the weight
+    of all. ``noise`` is 1-sigma per signal, SI.
     """
-    return tuple(_thinned(_refined(prepare(run, plant, dict(noise)), noise["x"]), noise["x"]) for run in recordings)
-
-
-def _refined(run: Run, noise: float) -> Run:
-    """The run with the motion of ``refined_motion``; a recorded speed stays."""
-    motion = refined_motion(run.t, run.recording.signals["x"], noise)
-    data = run.data.copy()
-    count = len(run.inputs)
-    made = {"x": motion.x, "a": motion.a} | ({} if "v" in run.recording.recorded else {"v": motion.v})
-    for name, values in made.items():
-        row = 1 + run.inputs.index(name)
-        data[row] = values
-        data[row + count] = np.diff(values, append=values[-1:]) / data[0]
-    note = f"{run.name}: motion smoothed at up to {motion.bandwidth:.3g} Hz"
-    return replace(run, data=data, motion=motion, notes=(*run.notes, note))
+    return tuple(_thinned(prepare(run, plant, dict(noise)), noise["x"]) for run in recordings)
 
 
 def _settled(t: np.ndarray, section: Section) -> tuple[int, int]:

@@ -1,0 +1,105 @@
+"""A bench that records its speed: how position and speed together give the motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pneuid.api import plant_of
+from pneuid.estimation.fit import fit
+from pneuid.estimation.motion import Speed, refined_motion
+from pneuid.estimation.preparation import noise_of, prepare
+from pneuid.recording import Recording
+from pneuid.rig import Rig
+from pneuid.virtual_rig import TruthBench, record_bench
+from pneuid.virtual_rig.motion import Motion, reciprocation, strokes
+
+RIG = Rig.from_dict(
+    {
+        "kind": "bench",
+        "friction": "lugre",
+        "conventions": {"pressure": "abs"},
+        "cylinder": {"bore": "32 mm", "rod": "12 mm", "stroke": "500 mm"},
+        "load": {"mass": "1 kg"},
+    }
+)
+FINE, COARSE, TACHO = 40e-9, 20e-6, 20e-6
+"""Noise of two positions (m) and of a speed (m/s)."""
+
+MOVED = strokes((1e-3, 5e-3, 60e-3), start=0.15, travel=0.02, longest=1.0, rate=1000.0)
+
+
+def measured(motion: Motion, noise: float, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Position (m) with ``noise`` and speed (m/s) with that of a tachometer."""
+    drawn = np.random.default_rng(seed).standard_normal((2, motion.t.size))
+    return motion.x + noise * drawn[0], motion.v + TACHO * drawn[1]
+
+
+def wrong(v: np.ndarray, motion: Motion = MOVED) -> float:
+    """RMS error of a speed, m/s."""
+    return float(np.sqrt(np.mean((v - motion.v) ** 2)))
+
+
+@pytest.mark.parametrize("noise", [FINE, 1e-6, COARSE])
+def test_both_sensors_tell_more_than_either(noise):
+    x, v = measured(MOVED, noise)
+    alone, both = (refined_motion(MOVED.t, x, noise, speed) for speed in (None, Speed(v, TACHO)))
+    assert wrong(both.v) < 0.7 * min(wrong(alone.v), TACHO)
+    assert both.speed_noise == pytest.approx(TACHO)
+    assert alone.speed_noise is None
+
+
+def test_a_speed_without_noise_stays_as_it_is():
+    x, _ = measured(MOVED, FINE)
+    found = refined_motion(MOVED.t, x, FINE, Speed(MOVED.v, 1e-9))
+    assert wrong(found.v) < 1e-6
+    assert wrong(refined_motion(MOVED.t, x, FINE).v) > 3e-6
+
+
+def test_uneven_time():
+    kept = np.sort(np.random.default_rng(4).permutation(MOVED.t.size)[: MOVED.t.size * 4 // 5])
+    x, v = measured(MOVED, 1e-6)
+    found = refined_motion(MOVED.t[kept], x[kept], 1e-6, Speed(v[kept], TACHO))
+    assert np.sqrt(np.mean((found.v - MOVED.v[kept]) ** 2)) < 0.7 * TACHO
+
+
+def test_rest_is_rest_and_a_creep_below_the_noise_of_the_position_is_none():
+    motion = reciprocation(amplitude=20e-6, cycles=2)
+    x, v = measured(motion, COARSE)
+    found = refined_motion(motion.t, x, COARSE, Speed(v, TACHO))
+    still = motion.t < 0.03
+    assert np.mean(found.v[still] == 0.0) > 0.8
+    moving = np.abs(motion.v) > 0.0
+    assert np.mean(found.v[moving] == 0.0) < 0.02
+    assert wrong(found.v, motion) < TACHO
+
+
+@pytest.mark.parametrize("own", [lambda v: 1.02 * v, lambda v: v + 0.5e-3], ids=["gain", "offset"])
+def test_a_speed_that_leads_away_from_the_position_counts_less_and_is_told(own):
+    x, v = measured(MOVED, 1e-6)
+    run = Recording.from_arrays("run.csv", RIG, t=MOVED.t, x=x, v=own(v), F=np.sign(MOVED.v))
+    prepared = prepare(run, plant_of(RIG), noise_of(RIG, [run]))
+    assert prepared.motion.speed_noise > 3.0 * TACHO
+    assert wrong(prepared.motion.v) < 1.3 * wrong(refined_motion(MOVED.t, x, 1e-6).v)
+    assert any("recorded v does not follow x" in note and "mm/s" in note for note in prepared.notes)
+
+
+def test_the_speed_counts_only_where_all_runs_have_it():
+    x, v = measured(MOVED, 1e-6)
+    force = np.sign(MOVED.v)
+    with_it = Recording.from_arrays("with.csv", RIG, t=MOVED.t, x=x, v=v, F=force)
+    without = Recording.from_arrays("without.csv", RIG, t=MOVED.t, x=x, F=force)
+    assert noise_of(RIG, [with_it])["v"] == pytest.approx(TACHO, rel=0.05)
+    noise = noise_of(RIG, [with_it, without])
+    assert "v" not in noise
+    assert prepare(with_it, plant_of(RIG), noise).motion.speed_noise is None
+
+
+def test_a_noisy_speed_is_no_missing_effect():
+    """The bristle relaxes with |v|: at rest noise of a speed that is taken as it is forgets half of it in a second."""
+    made = record_bench(TruthBench(), 3e5, 2e5, MOVED, seed=7, with_truth=True)
+    noisy = made["true_v"] + TACHO * np.random.default_rng(8).standard_normal(MOVED.t.size)
+    run = Recording.from_arrays("run.csv", RIG, v=noisy, **{name: made[name] for name in ("t", "x", "p1", "p2", "F")})
+    found = fit(plant_of(RIG), [run])
+    assert found.exact is not None
+    assert 2.0 * found.exact.cost / run.n < 1.1
