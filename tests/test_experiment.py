@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from helpers import base_fit, rig
 
-from pneuid.criticism.decision.diagnosis import Command
+from pneuid.criticism.decision.diagnosis import Command, Diagnosis
+from pneuid.criticism.next_experiment import proposal
 from pneuid.criticism.next_experiment.excitations import BENCH_LIBRARY, SERVO_LIBRARY, Axis
 from pneuid.criticism.next_experiment.playing import MARGIN, play
 from pneuid.criticism.next_experiment.proposal import _groups, propose
@@ -114,3 +117,32 @@ def test_nothing_is_proposed_among_effects_that_act_alike():
     found = propose(_bench_fits(names), [CATALOGUE[name] for name in names])
     assert found is not None and found.command is None and found.power == 0.0
     assert "act alike" in found.why
+
+
+@pytest.mark.parametrize(
+    ("beside", "started_from"), [((), "base"), (("leakage_internal",), "without gravity")], ids=["alone", "beside a leak"]
+)
+def test_rivals_beside_another_effect_are_fitted_with_it(beside, started_from, monkeypatch):
+    best = SimpleNamespace(plant=SimpleNamespace(effects=[CATALOGUE[name] for name in ("gravity", *beside)]), name="best")
+    rig_of_base = SimpleNamespace(rig=SimpleNamespace(kind="servo"), effects=[])
+    base = SimpleNamespace(plant=rig_of_base, name="base")
+
+    class Refits:
+        def without(self, fit, name):
+            assert fit is best
+            return SimpleNamespace(plant=rig_of_base, name=f"without {name}")
+
+        def each(self, fit, asked):
+            return [(one, lambda one=one: f"{one.effect.name} from {fit.name}") for one in asked]
+
+    seen = {}
+    monkeypatch.setattr(proposal, "screen", lambda *_: [])
+
+    def told(fits, effects):
+        seen.update(zip([one.name for one in effects], fits, strict=True))
+
+    monkeypatch.setattr(proposal, "propose", told)
+    named = ("gravity", "load_spring", *beside)
+    verdict = SimpleNamespace(diagnosis=Diagnosis("ambiguous", named, (), beside=beside), best=best)
+    proposal.for_verdict(verdict, base, CATALOGUE, Refits())
+    assert seen == {"gravity": best, "load_spring": f"load_spring from {started_from}"}

@@ -183,6 +183,22 @@ def test_what_takes_three_times_as_much_of_hardly_anything_is_no_rival():
 
 
 @pytest.mark.parametrize(
+    ("chosen_leaves", "left", "cost", "rival"),
+    [
+        (3.19, 5.83, 29_756.0, True),
+        (3.19, 7.9, 29_756.0, False),  # a tenth of the excess
+        (3.19, 5.83, 31_800.0, False),  # a tenth more of the cost
+        (1.1, 5.83, 29_756.0, False),  # noise alone is left
+    ],
+)
+def test_what_takes_nearly_all_held_out_and_more_of_the_training_cost_is_a_rival(chosen_leaves, left, cost, rival):
+    """Of 69 squared floors a skew of the channels left 3.2 held out, the valve's lag that was hidden 5.8."""
+    chosen = score("channel_skew", 12_600.0), stub(chosen_leaves, 33_006.0, "channel_skew")
+    other = score("valve_lag", 16_200.0), stub(left, cost, "valve_lag")
+    assert (other in alike(chosen, [chosen, other], stub(69.2, 45_643.0), judged(0.15, 0.015))) == rival
+
+
+@pytest.mark.parametrize(
     ("left", "cost", "usual", "group", "rival"),
     [
         (3.72, 12_779.0, 1.02, True, True),

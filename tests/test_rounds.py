@@ -129,6 +129,14 @@ def test_a_strong_first_effect_does_not_hide_a_second_one():
     assert _round([score("gravity", 1000.0)], [], current=ALONE, first=strong)[0].made == []
 
 
+@pytest.mark.parametrize(("left", "made"), [(4.1, ["gravity"]), (3.9, [])])
+def test_where_two_floors_are_left_a_later_effect_need_not_promise_a_hundredth_of_the_cost(left, made):
+    # 276 of 27 600; 5 % of the 2 000 that the first effect brought is 100
+    beside = stub(left, 27_600.0, "friction_pressure")
+    assert _round([score("gravity", 110.0)], [3.0], current=beside, first=stub(24.0, 29_600.0))[0].made == made
+    assert _round([score("gravity", 90.0)], [], current=beside, first=stub(24.0, 29_600.0))[0].made == []
+
+
 def test_what_stands_out_is_refitted_whatever_came_before_and_from_every_start():
     memory = score("friction_presliding_memory", 90.0, ahead=6.0)
     assert _round([memory], [40.0] * 3, current=ALONE)[0].made == [memory.effect.name] * 2, "a bench starts cold in any case"

@@ -28,6 +28,11 @@ FAR_MORE = 3.0
 """Times what the chosen effect takes of the training cost that another must take to be its rival although it predicts worse: a
 dead zone took 17 and half of a held-out excess of 2.7 floors, the leak past the spool that was hidden 219 and a fifth."""
 
+MORE, GONE = 1.1, 0.9
+"""Times what the chosen effect takes of the training cost, and share of the excess, from which another that predicts worse is
+its rival: a skew of the channels took 97 % of the excess held out, a valve's lag, which was hidden as a spool of second order,
+93 % and a quarter more of the training cost."""
+
 LOOKALIKES = 3
 """Others at most that are easily confused with a chosen effect, those that promise most first, started from where it led."""
 
@@ -42,7 +47,8 @@ def alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judg
     its group that cost as much; nor where what the training runs leave open of their parameters explains what both leave. What
     helps held out and takes far more of the training cost is a rival too: the two kinds of runs disagree. So they do about one
     of its group that takes half of the excess, costs less and predicts the training runs better: a critical ratio left noise of
-    them and 1.93 floors held out, inlet mixing 1.07 and 1.60.
+    them and 1.93 floors held out, inlet mixing 1.07 and 1.60; or about any that takes nearly all of it, and a tenth more of the
+    cost.
     """
     undecided = chosen[1].error - 1.0 > HALF * max(current.error - 1.0, 1e-12) and not follows(chosen[1])
     foretold = judge.usually_fits
@@ -55,6 +61,9 @@ def alike(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judg
         if (mate and (undecided or (excused and judge.explains(trial)))) or _left_open(score, trial, chosen, judge):
             return True
         if before - other > FAR_MORE * (before - best) and best - other > AGREED and trial.error < current.error:
+            return True
+        nearly = trial.error - 1.0 < (1.0 - GONE) * (current.error - 1.0) and chosen[1].error - 1.0 >= judge.small
+        if nearly and before - other > MORE * (before - best) and best - other > AGREED and not follows(chosen[1]):
             return True
         helps = trial.error - 1.0 < HALF * (current.error - 1.0)
         if score.effect.name in chosen[0].group and best - other > SURE and helps and foretold(trial) < foretold(chosen[1]):

@@ -248,11 +248,16 @@ class Walk(Ascent):
         if (name, place) in self.looked_at:
             return name
         other = exchanged(name, smaller, self.current, self.judge, self.refitter, list(self.catalogue.values()), self.say)
-        stands = name if other is None else other[0].effect.name
+        stands = name if other is None else other.score.effect.name
         self.looked_at |= {(name, place), (stands, place)}
         if other is None:
             return name
-        score, trial = other
+        if not other.told:
+            self.say(f"{stands} explains as well in the place of {name}")
+            self.ambiguous[name] = tuple(dict.fromkeys((*self.ambiguous.get(name, ()), stands)))
+            self._record(other.score, other.trial, keep=False)
+            return name
+        score, trial = other.score, other.trial
         self.say(f"{stands} takes the place of {name}: held-out and training runs both say so")
         self.named = [stands if one == name else one for one in self.named]
         self.ambiguous.pop(name, None)

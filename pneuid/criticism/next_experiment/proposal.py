@@ -127,16 +127,23 @@ def _groups(count: int, alike: Sequence[tuple[int, int]]) -> list[list[int]]:
 def for_verdict(
     verdict: Verdict, base: Fit, catalogue: Mapping[str, Effect], refitter: Refitter | None = None
 ) -> Experiment | None:
-    """The experiment for an ambiguous verdict: its candidates are fitted and told apart; None for other verdicts."""
+    """The experiment for an ambiguous verdict: its candidates are fitted and told apart; None for other verdicts.
+
+    What is missing whichever of them is, each of them is fitted with.
+    """
     diagnosis = verdict.diagnosis
     if diagnosis.verdict != "ambiguous":
         return None
     order = list(catalogue)
     present = {effect.name for effect in verdict.best.plant.effects}
     most = MOST_RIVALS[base.plant.rig.kind]
-    effects = [catalogue[name] for name in diagnosis.effects[:most] if not catalogue[name].richer_law]
+    candidates = [name for name in diagnosis.effects if name not in diagnosis.beside]
+    effects = [catalogue[name] for name in candidates[:most] if not catalogue[name].richer_law]
+    refits = refitter or Refitter(order)
+    if diagnosis.beside and candidates[0] in present:
+        base = refits.without(verdict.best, candidates[0])
     starts = {score.effect.name: score.whole_start for score in screen(base, effects, order)}
     asked = [Asked(effect, starts.get(effect.name, {})) for effect in effects if effect.name not in present]
-    made = {one.effect.name: fitted() for one, fitted in (refitter or Refitter(order)).each(base, asked)}
+    made = {one.effect.name: fitted() for one, fitted in refits.each(base, asked)}
     fits = [made.get(effect.name, verdict.best) for effect in effects]
     return propose(fits, effects)
