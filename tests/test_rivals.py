@@ -196,6 +196,15 @@ def test_what_takes_nearly_all_held_out_and_more_of_the_training_cost_is_a_rival
     chosen = score("channel_skew", 12_600.0), stub(chosen_leaves, 33_006.0, "channel_skew")
     other = score("valve_lag", 16_200.0), stub(left, cost, "valve_lag")
     assert (other in alike(chosen, [chosen, other], stub(69.2, 45_643.0), judged(0.15, 0.015))) == rival
+    following = chosen[0], _exact("channel_skew", chosen_leaves, 33_006.0)
+    assert other not in alike(following, [following, other], stub(69.2, 45_643.0), judged(0.15, 0.015)), "follows whole runs"
+
+
+def test_a_tenth_more_of_hardly_anything_makes_no_rival():
+    chosen = score("channel_skew", 300.0), stub(3.19, 45_343.0, "channel_skew")
+    for more, rival in ((50.0, False), (70.0, True)):
+        other = score("valve_lag", 350.0), stub(5.83, 45_343.0 - more, "valve_lag")
+        assert (other in alike(chosen, [chosen, other], stub(69.2, 45_643.0), judged(0.15, 0.015))) == rival
 
 
 @pytest.mark.parametrize(

@@ -163,7 +163,9 @@ def test_a_later_effect_of_little_weight_on_the_same_balance_may_mend_the_first_
     )  # fmt: skip
     found = verdict._verdict(walk)
     assert found.effects == ("valve_dead_zone", "other")
-    assert any("other brings 1.8 % of it" in words and "as valve_dead_zone" in words for words in found.sentences) == told
+    said = [words for words in found.sentences if "may only make up" in words]
+    assert bool(said) == told
+    assert not told or ("other brings 1.8 % of it" in said[0] and "as valve_dead_zone" in said[0])
 
 
 @pytest.mark.parametrize(

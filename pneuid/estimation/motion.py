@@ -88,7 +88,7 @@ def refined_motion(t: Array, x: Array, noise: float, speed: Speed | None = None)
     fitted = level + noise * smooth
     v, a = (noise * np.asarray(spline.derivative(k)(s)) / step**k for k in (1, 2))
     if speed is not None and rate is not None:
-        v[rate.rows] += unit * rate.missed(smooth, variance)
+        v = unit * rate.likely(smooth, variance)
         speed = Speed(speed.v, unit * rate.noise)
     for rest in _rests(x, noise, step, speed):
         fitted[rest], v[rest], a[rest] = np.mean(x[rest]), 0.0, 0.0
@@ -114,7 +114,7 @@ def _agree(residual: Array) -> bool:
 
 
 class _Rate:
-    """Smoothed position and variances as of ``_smoothed``, and the rate with the spread at which both agree."""
+    """A measured rate of ``y`` over ``s`` (N,) in samples: values (N,) and their noise, in noise levels of ``y`` per sample."""
 
     def __init__(self, s: Array, values: Array, noise: float) -> None:
         margin = STENCIL // 2
@@ -130,10 +130,15 @@ class _Rate:
         """One over the squared spread of every value about the rate by differences, for variances (N - 3,) of the jerk."""
         return 1.0 / (self.noise**2 + self._missed_square(variance))
 
-    def missed(self, smooth: Array, variance: Array) -> Array:
-        """What differences of ``smooth`` (N,) most likely miss of the rate."""
-        part = self._missed_square(variance)
-        return (self.values - _times(self.D, smooth)) * part / (self.noise**2 + part)
+    def likely(self, smooth: Array, variance: Array) -> Array:
+        """The rate (N,) by differences of ``smooth`` (N,), and what these most likely miss of the measured one.
+
+        At the very ends, which lack neighbours on one side, the measured one.
+        """
+        part, by_differences = self._missed_square(variance), _times(self.D, smooth)
+        found = self.given.copy()
+        found[self.rows] = by_differences + (self.values - by_differences) * part / (self.noise**2 + part)
+        return found
 
     def _missed_square(self, variance: Array) -> Array:
         return MISSED**2 * 0.5 * (variance[:-1] + variance[1:])
