@@ -343,5 +343,7 @@ def _constants(name: str, signals: dict[str, FloatArray], rig: Rig, n: int) -> l
         own = rig.run(name).supply
         supply = rig.supply if own is None else own
         signals["psup"] = np.full(n, supply)
-        notes.append(f"psup is not recorded: taken as {supply / 1e3:.6g} kPa absolute from the rig")
+        gauge = rig.pressure_convention == "gauge"
+        stated = f"{(supply - gauge * rig.patm) / 1e3:.6g} kPa {'gauge' if gauge else 'absolute'}"
+        notes.append(f"psup is not recorded: taken as {stated} from the rig")
     return notes

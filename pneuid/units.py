@@ -90,7 +90,7 @@ def parse_quantity(text: object, si_unit: str) -> float:
     """
     if not isinstance(text, str):
         number = shown(text) if isinstance(text, int | float) and not isinstance(text, bool) else "1.0"
-        raise UnitProblem(f'{shown(text)} has no unit; write a string with a unit, such as "{number} {_usual(si_unit)}"')
+        raise UnitProblem(f"{shown(text)} has no unit; {_with_unit(number, si_unit)}")
     stripped = text.strip()
     if stripped.lower().lstrip("+-").startswith(("nan", "inf")):
         raise UnitProblem(f"{shown(text)} is not a finite number")
@@ -104,14 +104,17 @@ def parse_quantity(text: object, si_unit: str) -> float:
     if not math.isfinite(value):
         raise UnitProblem(f"{shown(text)} is not a finite number")
     if not unit and not _parse_unit(si_unit).dimensionless:
-        raise UnitProblem(f'{shown(text)} has no unit; write for example "{number} {_usual(si_unit)}"')
+        raise UnitProblem(f"{shown(text)} has no unit; {_with_unit(number, si_unit)}")
     factor, offset = _affine(unit, si_unit)
     return factor * value + offset
 
 
-def _usual(si_unit: str) -> str:
-    """Unit in which such a quantity is mostly written down, for an example."""
-    return {"Pa": "bar", "m": "mm", "m^3": "cm^3"}.get(si_unit, si_unit)
+def _with_unit(number: str, si_unit: str) -> str:
+    """What to write in place of a bare number: no example that could be copied where it may be in another unit."""
+    usual = {"Pa": "Pa, kPa, bar or psi", "m": "um, mm or m", "m^3": "cm^3 or l", "s": "ms or s", "kg": "g or kg"}
+    if si_unit not in usual:
+        return f'write for example "{number} {si_unit}"'
+    return f'write "{number} UNIT" with the unit that it is in ({usual[si_unit]})'
 
 
 def quantity(text: object, si_unit: str, where: str) -> float:

@@ -74,7 +74,7 @@ def test_units_reference_extra_columns_and_start_of_time(tmp_path: Path) -> None
     np.testing.assert_allclose(run.signals["psup"], 600e3 + PATM, rtol=1e-12)
     assert run.recorded == ("u", "x", "p1", "p2")
     assert run.extra == ("oil temperature",)
-    assert any("psup is not recorded" in note for note in run.notes)
+    assert "psup is not recorded: taken as 600 kPa gauge from the rig" in run.notes
     assert set(run.weights) == set(run.signals)
     assert all((weight == 1.0).all() for weight in run.weights.values())
 

@@ -12,7 +12,7 @@ from pneuid.criticism.refitting import refitter as refitting
 from pneuid.criticism.refitting.refits import Asked, Standing, refit
 from pneuid.criticism.refitting.refitter import Refitter
 from pneuid.effects import CATALOGUE, LAW_STEPS
-from pneuid.estimation.fit import Fit
+from pneuid.estimation.fit import Fit, comparable_costs
 from pneuid.estimation.solution import Solution
 from pneuid.estimation.task import inside
 from pneuid.pool import open_pool
@@ -38,6 +38,19 @@ def test_a_fit_is_rebuilt_from_its_numbers():
     assert (again.loose_cost, again.defect_level, again.status) == (base.loose_cost, base.defect_level, base.status)
     assert np.array_equal(again.relaxed.X, base.relaxed.X)
     assert again.problem.evaluate_values(again.relaxed.X)[1] == base.problem.evaluate_values(base.relaxed.X)[1]
+
+
+def test_a_diverged_fit_is_kept_and_rebuilt_as_one(tmp_path):
+    """A refit of a diagnosis that ended at infinity was more than the file of what is done already could hold."""
+    base = base_fit("leakage_internal")
+    sound = Solution.of(base)
+    X = np.nan, -np.inf, *sound.X[2:]
+    diverged = replace(sound, cost=np.inf, penalty=np.nan, level=np.inf, loose_cost=np.nan, X=X)
+    Store(tmp_path / "done.jsonl").put("key", diverged.to_dict())
+    again = Solution.from_dict(Store(tmp_path / "done.jsonl")["key"])
+    for item in fields(Solution):
+        np.testing.assert_equal(getattr(again, item.name), getattr(diverged, item.name))
+    assert comparable_costs(again.fit(base.plant, base.runs, base.noise), base)[0] == np.inf
 
 
 def test_two_processes_find_what_one_finds_and_what_is_kept_is_not_made_again(tmp_path, monkeypatch):

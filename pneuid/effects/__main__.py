@@ -63,11 +63,11 @@ def _list(console: Console) -> None:
     for group in GROUPS:
         members = [effect for effect in CATALOGUE.values() if group_of(effect) == group]
         name = Column("effect", no_wrap=True)
-        table = Table(name, "equation", "mechanism", "parameters", title=group, title_justify="left", expand=True)
+        table = Table(name, "equation", "rigs", "mechanism", "parameters", title=group, title_justify="left", expand=True)
         for effect in members:
             law = LAWS[effect.laws[0]]
             symbols = ", ".join(item.symbol for item in effect.parameters(demonstration_rig(effect), law))
-            table.add_row(effect.name, effect.equation, effect.mechanism, symbols)
+            table.add_row(effect.name, effect.equation, ", ".join(effect.rigs), effect.mechanism, symbols)
         console.print(table)
     console.print(f"next: python -m pneuid.effects {next(iter(CATALOGUE))}")
 
@@ -89,6 +89,8 @@ def _show(console: Console, effect: Effect, rig: Rig) -> None:
         lower, upper, size = (f"{factor * value:.3g}" for value in (item.lower, item.upper, typical))
         table.add_row(item.name, item.symbol, unit, lower, upper, off, size)
     console.print(table)
+    if any(item.off is None for item in declared):
+        console.print("shape: it says how the effect acts, not how much, and means nothing while the others are off")
     for item in declared:
         if item.source != effect.reference:
             console.print(f"{item.name} after {item.source}", markup=False)

@@ -34,7 +34,8 @@ from pneuid.recording import Recording
 
 BEYOND_CHANCE = (
     "residual {:.1%} above the sensors' noise, more than chance leaves: what causes it (something missing, the sample rate, a "
-    "noise stated too low) may shift parameters by more than their standard errors"
+    "noise stated too low, on a bench noise of the motion and the pressures) may shift parameters by more than their standard "
+    "errors"
 )
 """Of 112 exact fits to random rigs seven have a parameter more than four standard errors off, six of them such a residual."""
 

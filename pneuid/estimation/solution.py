@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Self
@@ -16,6 +17,8 @@ from pneuid.estimation.solver import Outcome
 from pneuid.estimation.stages import End, Relaxed
 from pneuid.plant import Plant
 
+_MAY_DIVERGE = ("cost", "penalty", "level", "loose_cost")
+"""Numbers that a diverged fit leaves infinite or undefined, as well as its variables."""
 
 @dataclass(frozen=True)
 class Solution:
@@ -55,11 +58,13 @@ class Solution:
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
         """The reverse of ``to_dict``. Raises ``TypeError`` for other content."""
-        return cls(**{**content, "effects": tuple(content["effects"]), "X": tuple(content["X"])})
+        numbers = {name: float(content[name]) for name in _MAY_DIVERGE if content[name] is not None}
+        return cls(**{**content, **numbers, "effects": tuple(content["effects"]), "X": tuple(map(float, content["X"]))})
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, words and lists for JSON, which keeps every digit."""
-        return asdict(self)
+        """Plain numbers, words and lists for JSON, which keeps every digit; what a diverged fit left as words (``nan``)."""
+        content = asdict(self)
+        return {**content, **{name: _plain(content[name]) for name in _MAY_DIVERGE}, "X": [_plain(x) for x in self.X]}
 
     def fit(self, plant: Plant, runs: Sequence[Run], noise: Mapping[str, float]) -> Fit:
         """The fit that has these numbers; ``plant`` and ``runs`` are those it was made with."""
@@ -71,3 +76,8 @@ class Solution:
             np.array(self.X), self.cost, self.penalty, self.status, self.success, self.iterations, self.seconds
         )
         return result_of(End(problem, Relaxed(found, self.level, self.loose_cost)), dict(noise), self.seconds)
+
+
+def _plain(number: float | None) -> float | str | None:
+    """A number as JSON takes it: one that is not finite as a word."""
+    return number if number is None or math.isfinite(number) else str(number)

@@ -316,6 +316,7 @@ def _ipopt(evaluator: _Evaluator, options: dict) -> tuple[ca.Function, list[_Fun
     return solver, [fg, grad_f, jac_g, hess, each]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a trial point may lie anywhere, and a fit may diverge
 def _solve(
     problem: Shooting, X0: np.ndarray, relaxed: bool, stage: str, settling: Settling, options: dict,
     monitor: Monitor | None,
