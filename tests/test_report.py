@@ -471,6 +471,12 @@ def test_what_is_missing_beside_rivals_stands_apart():
     assert found.to_dict()["beside"] == ["load_mass"]
 
 
+def test_what_was_found_beside_something_unknown_is_told_at_once():
+    unknown = "verdict: unknown - something is missing that the catalogue does not hold"
+    assert verdict_lines(Diagnosis("unknown", ("gravity",), ()))[0] == f"{unknown}; found beside it: gravity"
+    assert verdict_lines(Diagnosis("unknown", (), ()))[0] == unknown
+
+
 @pytest.mark.parametrize("verdict", ["adequate", "effect", "ambiguous", "unknown"])
 def test_every_verdict_has_its_words(verdict):
     found = dataclasses.replace(

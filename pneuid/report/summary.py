@@ -65,6 +65,10 @@ def _tested(item: Candidate) -> str:
     return f"refitted, held-out error times {item.hold_out_error_ratio:.2f}"
 
 
+def _found_beside(diagnosis: Diagnosis) -> str:
+    return f"; found beside it: {', '.join(diagnosis.effects)}" if diagnosis.effects else ""
+
+
 def verdict_lines(diagnosis: Diagnosis) -> list[str]:
     """The verdict and its evidence, a line each."""
     rivals = ", ".join(name for name in diagnosis.effects if name not in diagnosis.beside)
@@ -73,7 +77,7 @@ def verdict_lines(diagnosis: Diagnosis) -> list[str]:
         "adequate": NOTHING_MISSING if NOTHING_MISSING in diagnosis.sentences else NOT_SHOWN,
         "effect": f"missing: {', '.join(diagnosis.effects)}",
         "ambiguous": f"missing: one of {rivals} (these data cannot tell which){beside}",
-        "unknown": "something is missing that the catalogue does not hold",
+        "unknown": f"something is missing that the catalogue does not hold{_found_beside(diagnosis)}",
     }
     said = [text for text in diagnosis.sentences if text != words[diagnosis.verdict]]
     lines = [f"verdict: {diagnosis.verdict} - {words[diagnosis.verdict]}", *said]
