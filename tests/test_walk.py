@@ -116,6 +116,14 @@ def test_of_friction_laws_that_explain_as_much_the_plainest_is_named(dahl, named
     assert rivals(chosen, tried) == ("friction_presliding_memory",)
 
 
+@pytest.mark.parametrize(("spring", "others"), [(26_330.0, ("gravity",)), (26_300.0, ("gravity", "load_spring"))])
+def test_a_rival_that_is_another_one_in_a_limit_is_named_once(spring, others):
+    """Beside friction by direction a constant force, and a spring that pulls from three metres away."""
+    costs = {"friction_direction": 26_333.0, "gravity": 26_331.0, "load_spring": spring}
+    tried = [(score(name, 900.0), stub(1.0, cost)) for name, cost in costs.items()]
+    assert rivals(tried[0], tried) == others
+
+
 @pytest.mark.parametrize(("constant", "named", "beside"), [(26_334.0, "gravity", ()), (26_600.0, "load_spring", ("gravity",))])
 def test_a_spring_that_is_no_better_than_a_constant_force_is_one(constant, named, beside):
     tried = [(score("load_spring", 900.0), stub(1.0, 26_333.0)), (score("gravity", 890.0), stub(1.01, constant))]

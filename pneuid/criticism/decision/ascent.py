@@ -113,9 +113,9 @@ class Ascent(ABC):
         self.current = trial
 
     def _rivals(self, chosen: Chosen, tried: Tried) -> Tried:
-        """Other effects that explain as much as the chosen one; a friction law that contains it is none."""
+        """Others that explain as much as the chosen one; none that contains it, or another of them, and gains nothing."""
         others = [pair for pair in self._alike(chosen, tried) if pair[0] is not chosen[0]]
-        return [pair for pair in others if not contains(pair, chosen)]
+        return [pair for pair in others if not any(contains(pair, one) for one in (chosen, *others) if one is not pair)]
 
     def _plainest(self, chosen: Chosen, tried: Tried) -> Chosen:
         """The chosen effect, or what it is in a limit where it gains nothing by being more."""
