@@ -235,6 +235,29 @@ def test_far_off_what_predicts_all_runs_far_better_is_accepted_in_place_of_what_
 
 
 @pytest.mark.parametrize(
+    ("error", "cost", "usual", "best", "taken"),
+    [
+        (47.1, 39_000.0, 20.0, 39.6, "friction_pressure"),
+        (50.0, 39_000.0, 20.0, 39.6, "friction_position"),  # a quarter more of the held-out excess
+        (47.1, 53_000.0, 20.0, 39.6, "friction_position"),  # less than three times as much of the training cost
+        (47.1, 39_000.0, 70.0, 39.6, "friction_position"),  # the training runs are predicted worse
+        (9.5, 39_000.0, 20.0, 8.9, "friction_position"),  # within three floors the held-out runs decide
+    ],
+)
+def test_far_off_the_training_runs_choose_between_what_explains_as_little(error, cost, usual, best, taken):
+    """Friction by the pressure across a seal, which no affine law holds: 6.9 floors with one, 6.3 with friction over x."""
+    current = stub(132.0, 100_000.0)
+    tried = [
+        (score("friction_position", 16_000.0), stub(best, 84_000.0, "friction_position")),
+        (score("friction_pressure", 61_000.0), stub(error, cost, "friction_pressure")),
+    ]
+    by = {None: 100.0, "friction_position": 60.0, "friction_pressure": usual}
+    judge = SimpleNamespace(**{**vars(JUDGE), "usually_fits": lambda trial: by[trial.added]})
+    found = acceptance.accepted(tried, current, current, judge)
+    assert found is not None and found[0].effect.name == taken
+
+
+@pytest.mark.parametrize(
     ("start", "declared", "on_bound", "inside"),
     [
         ({"k1": 1e-4, "k2": 1e-4}, ("Fc", "k1", "k2"), (False, True, False), True),
