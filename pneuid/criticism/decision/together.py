@@ -20,7 +20,9 @@ from pneuid.criticism.screening.scores import Score, screen
 from pneuid.effect import Effect
 
 FOOTHOLD = 0.5
-"""Cost of the training runs, relative to the standing model's, below which an effect is worth a look at what comes with it."""
+"""Cost of the training runs, or squared error of predicting them, in all windows and in the usual ones, relative to the
+standing model's, below which an effect is worth a look at what comes with it. A dead volume beside a friction that bends took
+24 % of that cost, as loose jumps hide the rest, but left 45 % of these errors, and held out 19.8 floors where 13.6 had been."""
 
 FIRSTS, SECONDS = 4, 2
 """How many such effects are tried with the second one, and how many second ones are refitted beside the best of them."""
@@ -83,7 +85,7 @@ def together(
 
     tried : effects refitted alone, and their trials; the score of each is that of the first of two. Best prediction first.
     """
-    firsts = _footholds(current, tried)
+    firsts = _footholds(current, tried, judge)
     if not firsts:
         return None
     alone, trial = firsts[0]
@@ -112,12 +114,12 @@ def together(
     return second, sorted(found, key=lambda pair: pair[1].error)
 
 
-def _footholds(current: Trial, tried: Tried) -> Tried:
-    """Effects that lower the cost of the training runs by half and more, the largest first."""
+def _footholds(current: Trial, tried: Tried, judge: Judge) -> Tried:
+    """Effects that lower the cost of the training runs, or the errors of predicting them, by half and more, the best first."""
 
     def left(trial: Trial) -> float:
         now, after = costs(current, trial)
-        return after / now
+        return min(after / now, max(error(trial) / error(current) for error in (judge.fits, judge.usually_fits)))
 
     low = [pair for pair in tried if not pair[0].effect.richer_law and left(pair[1]) < FOOTHOLD]
     return sorted(low, key=lambda pair: left(pair[1]))[:FIRSTS]
