@@ -63,11 +63,12 @@ def _list(console: Console) -> None:
     for group in GROUPS:
         members = [effect for effect in CATALOGUE.values() if group_of(effect) == group]
         name = Column("effect", no_wrap=True)
-        table = Table(name, "equation", "rigs", "mechanism", "parameters", title=group, title_justify="left", expand=True)
+        table = Table(name, "equation", "mechanism", "parameters", title=group, title_justify="left", expand=True)
         for effect in members:
             law = LAWS[effect.laws[0]]
             symbols = ", ".join(item.symbol for item in effect.parameters(demonstration_rig(effect), law))
-            table.add_row(effect.name, effect.equation, ", ".join(effect.rigs), effect.mechanism, symbols)
+            alone = "" if len(effect.rigs) > 1 else f" ({effect.rigs[0]} rigs)"
+            table.add_row(effect.name, effect.equation + alone, effect.mechanism, symbols)
         console.print(table)
     console.print(f"next: python -m pneuid.effects {next(iter(CATALOGUE))}")
 
