@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pneuid.criticism.decision.acceptance import LEAST_DROP, Tried, costs
+from pneuid.criticism.decision.acceptance import FAR_MORE, LEAST_DROP, Tried, costs
 from pneuid.criticism.decision.all_runs import SURE, TELLING
 from pneuid.criticism.decision.rounds import Say, promised_alike
 from pneuid.criticism.refitting.refits import Asked
@@ -23,10 +23,6 @@ AGREED, BEYOND_NOISE = 60.0, 3.0
 """Half the sum of squares of the training runs, and times the noise of the held-out error, by which both must speak for the
 better of two effects to tell it from the other, however small a share of the gain that is. Of inlet mixing and the critical
 ratio, each hidden in its turn, neither kind of run alone was always right; where they agreed, by 128 and 280, they were."""
-
-FAR_MORE = 3.0
-"""Times what the chosen effect takes of the training cost that another must take to be its rival although it predicts worse: a
-dead zone took 17 and half of a held-out excess of 2.7 floors, the leak past the spool that was hidden 219 and a fifth."""
 
 MORE, GONE = 1.1, 0.9
 """Times what the chosen effect takes of the training cost, and share of the excess, from which another that predicts worse is
