@@ -6,9 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.linalg import cho_solve_banded
 
 from pneuid.api import plant_of
 from pneuid.criticism.prediction import noise_floor
+from pneuid.estimation import motion
 from pneuid.estimation.fit import fit
 from pneuid.estimation.motion import Speed, refined_motion
 from pneuid.estimation.preparation import noise_of, prepare
@@ -95,6 +97,16 @@ def test_a_speed_that_leads_away_from_the_position_counts_less_and_is_told(own):
     assert prepared.motion.speed_noise > 3.0 * TACHO
     assert wrong(prepared.motion.v) < 1.3 * wrong(refined_motion(MOVED.t, x, 1e-6).v)
     assert any("recorded v does not follow x" in note and "mm/s" in note for note in prepared.notes)
+
+
+def test_draws_have_the_covariance_of_the_smoothed_motion():
+    s = np.cumsum(np.random.default_rng(2).uniform(0.8, 1.2, 30))
+    D, variance = motion._third_differences(s), np.full(27, 0.5)
+    rate = motion._Rate(motion._rates(s), np.zeros(30), 0.4)
+    rng = np.random.default_rng(3)
+    factor = motion._factor(D, variance, rate)
+    smoothed = np.array([cho_solve_banded(factor, motion._drawn(D, variance, rate, rng)) for _ in range(4000)])
+    np.testing.assert_allclose(smoothed.var(axis=0), np.diag(cho_solve_banded(factor, np.eye(30))), rtol=0.15)
 
 
 def test_the_speed_counts_only_where_all_runs_have_it():

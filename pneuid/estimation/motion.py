@@ -10,8 +10,7 @@ each by its own noise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +81,7 @@ def refined_motion(t: Array, x: Array, noise: float, speed: Speed | None = None)
     step = float(np.median(np.diff(t)))
     s, level = (t - t[0]) / step, float(np.mean(x))
     unit = noise / step
-    rate = None if speed is None else _Rate(s, speed.v / unit, speed.noise / unit)
+    rate = None if speed is None else _Rate(_rates(s), speed.v / unit, speed.noise / unit)
     smooth, variance, rate = _together(s, (x - level) / noise, rate)
     spline = make_interp_spline(s, smooth, k=5)
     fitted = level + noise * smooth
@@ -102,7 +101,7 @@ def _together(s: Array, y: Array, rate: _Rate | None) -> tuple[Array, Array, _Ra
     for _ in range(TRIES):
         if rate is None or _agree(y - smooth):
             break
-        rate = rate.wider()
+        rate = replace(rate, noise=WIDER * rate.noise)
         smooth, variance = _smoothed(s, y, rate)
     return smooth, variance, rate
 
@@ -113,18 +112,18 @@ def _agree(residual: Array) -> bool:
     return bool(np.max(np.convolve(residual**2, np.ones(length), mode="valid")) < DISAGREE * length)
 
 
+@dataclass(frozen=True)
 class _Rate:
-    """A measured rate of ``y`` over ``s`` (N,) in samples: values (N,) and their noise, in noise levels of ``y`` per sample."""
+    """A measured rate (N,) of ``y`` and its noise, in noise levels of ``y`` per sample; D : rows of ``_rates``."""
 
-    def __init__(self, s: Array, values: Array, noise: float) -> None:
-        margin = STENCIL // 2
-        self.rows = slice(margin, s.size - margin)
-        self.s, self.given, self.noise = s, values, noise
-        self.D, self.values = _rates(s), values[self.rows]
+    D: Array
+    given: Array
+    noise: float
 
-    def wider(self) -> _Rate:
-        """The same with more spread."""
-        return _Rate(self.s, self.given, WIDER * self.noise)
+    @property
+    def values(self) -> Array:
+        """The rate where neighbours on both sides give another, (N - 4,)."""
+        return self.given[STENCIL // 2 : -(STENCIL // 2)]
 
     def weights(self, variance: Array) -> Array:
         """One over the squared spread of every value about the rate by differences, for variances (N - 3,) of the jerk."""
@@ -136,9 +135,8 @@ class _Rate:
         At the very ends, which lack neighbours on one side, the measured one.
         """
         part, by_differences = self._missed_square(variance), _times(self.D, smooth)
-        found = self.given.copy()
-        found[self.rows] = by_differences + (self.values - by_differences) * part / (self.noise**2 + part)
-        return found
+        inside = by_differences + (self.values - by_differences) * part / (self.noise**2 + part)
+        return np.concatenate([self.given[: STENCIL // 2], inside, self.given[-(STENCIL // 2) :]])
 
     def _missed_square(self, variance: Array) -> Array:
         return MISSED**2 * 0.5 * (variance[:-1] + variance[1:])
@@ -155,13 +153,20 @@ def _smoothed(s: Array, y: Array, rate: _Rate | None = None) -> tuple[Array, Arr
         jerk = _times(D, cho_solve_banded(factor, _pull(y, variance, rate)))
         square = jerk**2
         for _ in range(DRAWS):
-            # a draw of the posterior about its mean: noise on the measurements and on the jerk, smoothed as they are
-            drawn = rng.standard_normal(y.size) + _transposed(D, rng.standard_normal(len(D)) / np.sqrt(variance))
-            if rate is not None:
-                drawn += _transposed(rate.D, rng.standard_normal(len(rate.D)) * np.sqrt(rate.weights(variance)))
-            square += _times(D, cho_solve_banded(factor, drawn)) ** 2 / DRAWS
+            square += _times(D, cho_solve_banded(factor, _drawn(D, variance, rate, rng))) ** 2 / DRAWS
         variance = np.maximum(np.convolve(square, window, mode="same") / count, LEAST)
     return np.asarray(cho_solve_banded(_factor(D, variance, rate), _pull(y, variance, rate))), variance
+
+
+def _drawn(D: Array, variance: Array, rate: _Rate | None, rng: np.random.Generator) -> Array:
+    """A draw (N,) of what noise on the measurements and on the jerk pulls at, of the covariance that ``_factor`` factorises.
+
+    Smoothed as the measurements are it is a draw of the posterior about its mean.
+    """
+    found = rng.standard_normal(len(D) + ORDER) + _transposed(D, rng.standard_normal(len(D)) / np.sqrt(variance))
+    if rate is not None:
+        found += _transposed(rate.D, rng.standard_normal(len(rate.D)) * np.sqrt(rate.weights(variance)))
+    return found
 
 
 def _pull(y: Array, variance: Array, rate: _Rate | None) -> Array:
@@ -231,13 +236,15 @@ def _rests(x: Array, noise: float, step: float, speed: Speed | None = None) -> l
     if speed is not None:
         still = still & _quiet(_in_windows(speed.v, least)[1], speed.noise, least)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
-    found = []
+    found, allowed = [], 3.0 * noise / np.sqrt(EDGE)
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         # a window that is still starts at every sample from begin to end - 1; its tails may hold the first movement
         first, last = int(begin), int(end) - 1 + least
-        middle = slice(first + least // 4, last - least // 4)
-        parts = [(x - np.mean(x[middle]), noise)] + ([] if speed is None else [(speed.v, speed.noise)])
-        first, last = _inside(first, last, parts)
+        level = float(np.mean(x[first + least // 4 : last - least // 4]))
+        while first < last and abs(float(np.mean(x[first : first + EDGE])) - level) > allowed:
+            first += 1
+        while last > first and abs(float(np.mean(x[last - EDGE : last])) - level) > allowed:
+            last -= 1
         # a movement begins below the noise: what is lost of it would count as bristle stiffness
         first, last = first + onset * (first > 0), last - onset * (last < x.size)
         if last - first >= EDGE:
@@ -256,15 +263,3 @@ def _quiet(square: Array, noise: float, length: int) -> NDArray[np.bool_]:
     """Where a window's mean square is that of noise."""
     return np.asarray(square < noise**2 * (1.0 + STRICT * np.sqrt(2.0 / length)))
 
-
-def _inside(first: int, last: int, parts: Sequence[tuple[Array, float]]) -> tuple[int, int]:
-    """A stretch without the ends where one of the ``parts``, each with its noise, does not stand at zero."""
-
-    def off(begin: int) -> bool:
-        return any(abs(float(np.mean(y[begin : begin + EDGE]))) > 3.0 * noise / np.sqrt(EDGE) for y, noise in parts)
-
-    while first < last and off(first):
-        first += 1
-    while last > first and off(max(last - EDGE, 0)):
-        last -= 1
-    return first, last
