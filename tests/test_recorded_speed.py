@@ -14,6 +14,7 @@ from pneuid.estimation import motion
 from pneuid.estimation.fit import fit
 from pneuid.estimation.motion import Speed, refined_motion
 from pneuid.estimation.preparation import noise_of, prepare
+from pneuid.estimation.whittaker import differences
 from pneuid.recording import Recording
 from pneuid.rig import Rig
 from pneuid.virtual_rig import TruthBench, record_bench
@@ -101,7 +102,7 @@ def test_a_speed_that_leads_away_from_the_position_counts_less_and_is_told(own):
 
 def test_draws_have_the_covariance_of_the_smoothed_motion():
     s = np.cumsum(np.random.default_rng(2).uniform(0.8, 1.2, 30))
-    D, variance = motion._third_differences(s), np.full(27, 0.5)
+    D, variance = differences(s, motion.ORDER), np.full(27, 0.5)
     rate = motion._Rate(motion._rates(s), np.zeros(30), 0.4)
     rng = np.random.default_rng(3)
     factor = motion._factor(D, variance, rate)

@@ -29,7 +29,9 @@ def _growing(costs, level, monkeypatch, hopeless=np.inf):
 
     def problem(_, substeps):
         solved.append(substeps)
-        return SimpleNamespace(substeps=substeps, samples=20, join=lambda q, _: q, split=lambda X: (X, X))
+        return SimpleNamespace(
+            substeps=substeps, samples=20, join=lambda q, _: q, split=lambda X: (X, X), evaluate_values=lambda X: (X, 1.0)
+        )
 
     def stage(problem, *_):
         outcome = SimpleNamespace(X=problem.substeps, cost=costs[problem.substeps - 1], penalty=0.0, status="Settled")
@@ -38,7 +40,7 @@ def _growing(costs, level, monkeypatch, hopeless=np.inf):
     monkeypatch.setattr(tasks, "values_at", lambda _, X: {"sigma1": X})
     monkeypatch.setattr(tasks, "inside", lambda _, values: values["sigma1"])
     task = SimpleNamespace(
-        guess={"sigma1": 0}, monitor=None, loosely=None, hopeless=hopeless, problem=problem,
+        guess={"sigma1": 0}, monitor=None, loosely=None, hopeless=hopeless, problem=problem, finest=LARGEST_SUBSTEPS,
         substeps=lambda values: min(values["sigma1"] + 1, len(costs)), nodes=lambda *_: None,
     )  # fmt: skip
     kept, _ = tasks.relaxed_fit(task, {}, stage)
@@ -62,6 +64,33 @@ def test_a_model_that_is_too_wrong_gets_finer_steps_only_while_they_help(costs, 
 @pytest.mark.parametrize(("hopeless", "solved"), [(np.inf, [1, 2]), (30.0, [1]), (300.0, [1, 2])])
 def test_a_solution_that_costs_too_much_is_not_solved_again_with_finer_steps(hopeless, solved, monkeypatch):
     assert _growing((220.0, 220.0), 0.0, monkeypatch, hopeless) == (solved, solved[-1])
+
+
+@pytest.mark.parametrize(
+    ("runs_away", "begun"),
+    [
+        ((), ("given", 3)),
+        ((("given", 3),), ("guess", 2)),
+        ((("given", 3), ("guess", 2)), ("given", 40)),
+        ((("given", 3), ("guess", 2), ("given", 40)), ("given", 40)),
+    ],
+)
+def test_a_fit_begins_where_its_states_do_not_run_away(runs_away, begun, monkeypatch):
+    """Values of a model that lacked an end cushion ran away when read anew, and the fit from there was not a number."""
+
+    def problem(values, substeps):
+        gone = (values["from"], substeps) in runs_away
+        return SimpleNamespace(
+            samples=20, substeps=substeps, join=lambda q, _: q, evaluate_values=lambda X: (X, np.nan if gone else 1.0)
+        )
+
+    task = SimpleNamespace(
+        guess={"from": "guess"}, finest=40, problem=problem, nodes=lambda *_: None,
+        substeps=lambda values: {"given": 3, "guess": 2}[values["from"]],
+    )  # fmt: skip
+    monkeypatch.setattr(tasks, "inside", lambda _, values: values["from"])
+    found, X = tasks._begun(task, {"from": "given"})
+    assert (X, found.substeps) == begun
 
 
 def test_a_start_too_stiff_for_the_samples_is_no_slow_recording_where_a_model_was_fitted_before(monkeypatch):

@@ -15,11 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import cho_solve_banded
 
 from pneuid.estimation.differentiate import Motion, spline_motion
-
-Array = NDArray[np.float64]
+from pneuid.estimation.whittaker import Array, differences, factor, times, transposed
 
 ORDER = 3
 """Derivative that is random: the jerk."""
@@ -134,7 +133,7 @@ class _Rate:
 
         At the very ends, which lack neighbours on one side, the measured one.
         """
-        part, by_differences = self._missed_square(variance), _times(self.D, smooth)
+        part, by_differences = self._missed_square(variance), times(self.D, smooth)
         inside = by_differences + (self.values - by_differences) * part / (self.noise**2 + part)
         return np.concatenate([self.given[: STENCIL // 2], inside, self.given[-(STENCIL // 2) :]])
 
@@ -144,16 +143,16 @@ class _Rate:
 
 def _smoothed(s: Array, y: Array, rate: _Rate | None = None) -> tuple[Array, Array]:
     """The smoothed ``y`` (N,), whose noise is 1, over ``s`` (N,) in samples, and the variances (N - 3,) of its jerk."""
-    D = _third_differences(s)
+    D = differences(s, ORDER)
     rng = np.random.default_rng(0)
     variance, window = np.full(len(D), START), np.ones(WINDOW)
     count = np.convolve(np.ones(len(D)), window, mode="same")
     for _ in range(PASSES):
-        factor = _factor(D, variance, rate)
-        jerk = _times(D, cho_solve_banded(factor, _pull(y, variance, rate)))
+        solver = _factor(D, variance, rate)
+        jerk = times(D, cho_solve_banded(solver, _pull(y, variance, rate)))
         square = jerk**2
         for _ in range(DRAWS):
-            square += _times(D, cho_solve_banded(factor, _drawn(D, variance, rate, rng))) ** 2 / DRAWS
+            square += times(D, cho_solve_banded(solver, _drawn(D, variance, rate, rng))) ** 2 / DRAWS
         variance = np.maximum(np.convolve(square, window, mode="same") / count, LEAST)
     return np.asarray(cho_solve_banded(_factor(D, variance, rate), _pull(y, variance, rate))), variance
 
@@ -163,26 +162,15 @@ def _drawn(D: Array, variance: Array, rate: _Rate | None, rng: np.random.Generat
 
     Smoothed as the measurements are it is a draw of the posterior about its mean.
     """
-    found = rng.standard_normal(len(D) + ORDER) + _transposed(D, rng.standard_normal(len(D)) / np.sqrt(variance))
+    found = rng.standard_normal(len(D) + ORDER) + transposed(D, rng.standard_normal(len(D)) / np.sqrt(variance))
     if rate is not None:
-        found += _transposed(rate.D, rng.standard_normal(len(rate.D)) * np.sqrt(rate.weights(variance)))
+        found += transposed(rate.D, rng.standard_normal(len(rate.D)) * np.sqrt(rate.weights(variance)))
     return found
 
 
 def _pull(y: Array, variance: Array, rate: _Rate | None) -> Array:
     """What the measurements pull at (N,): the right-hand side of the smoother's equations."""
-    return y if rate is None else y + _transposed(rate.D, rate.weights(variance) * rate.values)
-
-
-def _third_differences(s: Array) -> Array:
-    """Rows (N - 3, 4): the weights with which four neighbours of uneven spacing give the third derivative."""
-    rows = s.size - ORDER
-    weights = np.full((rows, ORDER + 1), 6.0)
-    for j in range(ORDER + 1):
-        for k in range(ORDER + 1):
-            if k != j:
-                weights[:, j] /= s[j : rows + j] - s[k : rows + k]
-    return weights
+    return y if rate is None else y + transposed(rate.D, rate.weights(variance) * rate.values)
 
 
 def _rates(s: Array) -> Array:
@@ -198,29 +186,10 @@ def _rates(s: Array) -> Array:
     return weights
 
 
-def _times(D: Array, y: Array) -> Array:
-    """``D y`` (rows,), each row of ``D`` (rows, width) standing at its own sample and those that follow."""
-    return np.asarray(sum(D[:, j] * y[j : j + len(D)] for j in range(D.shape[1])))
-
-
-def _transposed(D: Array, weights: Array) -> Array:
-    found = np.zeros(len(D) + D.shape[1] - 1)
-    for j in range(D.shape[1]):
-        found[j : j + len(D)] += D[:, j] * weights
-    return found
-
-
 def _factor(D: Array, variance: Array, rate: _Rate | None) -> tuple[Array, bool]:
     """Cholesky factor of ``1 + D' D / variance``, and of what a measured rate adds, as ``cho_solve_banded`` takes it."""
     parts = [(D, 1.0 / variance)] if rate is None else [(D, 1.0 / variance), (rate.D, rate.weights(variance))]
-    width = max(rows.shape[1] for rows, _ in parts)
-    band = np.zeros((width, len(D) + ORDER))
-    band[-1] = 1.0
-    for rows, weights in parts:
-        for i in range(rows.shape[1]):
-            for j in range(i, rows.shape[1]):
-                band[width - 1 + i - j, j : j + len(rows)] += rows[:, i] * rows[:, j] * weights
-    return cholesky_banded(band), False
+    return factor(np.ones(len(D) + ORDER), parts)
 
 
 def _rests(x: Array, noise: float, step: float, speed: Speed | None = None) -> list[slice]:

@@ -13,6 +13,7 @@ from pneuid.estimation.motion import Speed, refined_motion
 from pneuid.estimation.noise import sensor_noise
 from pneuid.estimation.own import Own, own_of
 from pneuid.estimation.robust import HUBER, pseudo_values
+from pneuid.estimation.supply import smoothed_supply
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.rig import Rig
@@ -90,9 +91,11 @@ def prepare(recording: Recording, plant: Plant, noise: dict[str, float]) -> Run:
     signals, notes = _without_outliers(recording, noise)
     # on a bench the motion is an input, and its error at a reversal would pass for friction
     motion = spline_motion(t, signals["x"], noise["x"]) if plant.servo else _imposed(recording, signals, noise)
-    given = _servo_inputs(recording, plant) if plant.servo else _bench_inputs(recording, signals, plant, motion)
-    if not plant.servo:
-        notes += _how_smoothed(recording.name, motion, noise)
+    if plant.servo:
+        given, more = _servo_inputs(recording, plant)
+    else:
+        given, more = _bench_inputs(recording, signals, plant, motion), _how_smoothed(recording.name, motion, noise)
+    notes += more
     w = np.vstack([given[name] for name in plant.inputs])
     slopes = np.diff(w, axis=1, append=w[:, -1:]) / dt
     if plant.rig.input_hold == "zero-order" and plant.servo:
@@ -109,13 +112,18 @@ def prepare(recording: Recording, plant: Plant, noise: dict[str, float]) -> Run:
     return Run(recording.name, t, data, own, tuple(notes), plant.inputs, plant.outputs, recording, motion, touching)
 
 
-def _servo_inputs(recording: Recording, plant: Plant) -> dict[str, np.ndarray]:
+def _servo_inputs(recording: Recording, plant: Plant) -> tuple[dict[str, np.ndarray], list[str]]:
+    """The command and the supply pressure, and what is to be said of how that was made."""
     signals = recording.signals
-    psup = signals.get("psup")
-    if psup is None:
+    if "psup" not in signals:
         own = plant.rig.run(recording.name).supply
-        psup = np.full(recording.n, plant.rig.supply if own is None else own)
-    return {"u": signals["u"], "psup": psup}
+        return {"u": signals["u"], "psup": np.full(recording.n, plant.rig.supply if own is None else own)}, []
+    if "psup" not in recording.recorded:
+        return {"u": signals["u"], "psup": signals["psup"]}, []
+    noise = sensor_noise(plant.rig.noise, {"psup": [signals["psup"]]})["psup"]
+    supply = smoothed_supply(recording.t, signals["psup"], noise, recording.weights["psup"])
+    said = f"{recording.name}: psup smoothed by its noise, {noise / 1e3:.2g} kPa: followed up to {supply.bandwidth:.2g} Hz"
+    return {"u": signals["u"], "psup": supply.pressure}, [said]
 
 
 def _without_outliers(

@@ -116,11 +116,10 @@ def relaxed_fit(task: Task, start: Mapping[str, float], stage: Stage = relaxed_s
 
     With a model that leaves too much for an exact fit, only while finer steps lower the cost.
     """
-    values, before = task.guess | dict(start), np.inf
-    problem = task.problem(values, task.substeps(values))
-    nodes = task.nodes(values, problem.samples)
+    before = np.inf
+    problem, X = _begun(task, task.guess | dict(start))
     while True:
-        soft = stage(problem, problem.join(inside(problem, values), nodes), task.monitor, task.loosely)
+        soft = stage(problem, X, task.monitor, task.loosely)
         cost = soft.outcome.cost + soft.outcome.penalty
         values, nodes = values_at(problem, soft.outcome.X), problem.split(soft.outcome.X)[1]
         needed = task.substeps(values)
@@ -128,6 +127,22 @@ def relaxed_fit(task: Task, start: Mapping[str, float], stage: Stage = relaxed_s
         if needed <= problem.substeps or cost > task.hopeless or in_vain or soft.outcome.status == INTERRUPTED:
             return problem, soft
         problem, before = task.problem(values, needed), cost
+        X = problem.join(inside(problem, values), nodes)
+
+
+def _begun(task: Task, start: Mapping[str, float]) -> tuple[Shooting, np.ndarray]:
+    """The relaxed problem at ``start`` (SI) and its point there, from which every interval can be simulated.
+
+    Where the states run away it is at the data's own guess, or with time steps as fine as may be. A model without an end
+    cushion had braked by a static friction of 9.8 kN; its values read anew ran away in 16 of 825 intervals, and with the
+    finest steps that ended at fifteen times the cost of a fit from the guess.
+    """
+    for values, substeps in ((start, task.substeps(start)), (task.guess, task.substeps(task.guess)), (start, task.finest)):
+        problem = task.problem(values, substeps)
+        X = problem.join(inside(problem, values), task.nodes(dict(values), problem.samples))
+        if np.isfinite(problem.evaluate_values(X)[1]):
+            break
+    return problem, X
 
 
 def values_at(problem: Shooting, X: np.ndarray) -> dict[str, float]:

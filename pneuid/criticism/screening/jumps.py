@@ -15,8 +15,9 @@ from pneuid.criticism.screening.scores import Batch, Fitted, Score, batches
 from pneuid.effect import Effect, Parameter
 from pneuid.estimation.fit import Fit
 
-JUMPS = (1.0, 0.3, -0.3, -1.0)
-"""Shares of a typical size at which an effect is looked at that may act in jerks."""
+JUMPS, LEAPS = (1.0, 0.3, -0.3, -1.0), (5.0, -5.0)
+"""Shares of a typical size at which an effect is looked at that may act in jerks; and those of one without a state of its own
+besides: a silencer ten times as narrow as usual promised nothing at a typical size, where the edge before it stays choked."""
 
 FURTHEST = 2.0
 """Largest multiple of a jump's change that counts."""
@@ -58,7 +59,8 @@ def _jumps(
         size = sizes[effect.name]
         items = [item for item in batch.amplitudes if item.name in size]
         best = Jump(0.0, dict(size))
-        steps = [dict(size) | {item.name: _stepped(batch, item, size, part) for item in items} for part in JUMPS]
+        parts = JUMPS if effect.states else JUMPS + LEAPS
+        steps = [dict(size) | {item.name: _stepped(batch, item, size, part) for item in items} for part in parts]
         for moved, nodes in zip(steps, batch.followed(steps) if effect.states else [batch.nodes] * len(steps), strict=True):
             change = batch.change(moved, nodes)
             if np.all(np.isfinite(change)) and np.any(change):
