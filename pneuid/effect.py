@@ -156,6 +156,8 @@ class Effect:
     """Kinds of rig whose data can show it."""
     contains: tuple[str, ...] = ()
     """Effects that this one turns into in a limit of its parameters."""
+    constant: bool = False
+    """Whether it is one number that is added: then it has no form, and what is left beside it is something else."""
     guarantees: tuple[str, ...] = ()
     """Promises checked by the contract suite: ``dissipative``, ``conserves mass``."""
     states: Sequence[State] = ()

@@ -8,7 +8,7 @@ import pytest
 from trials import FIRST, JUDGE, score, stub, walking
 
 from pneuid.criticism.decision import exchange, walk
-from pneuid.criticism.decision.exchange import Other, exchanged
+from pneuid.criticism.decision.exchange import Exchange, exchanged
 from pneuid.effects import CATALOGUE
 
 pytestmark = pytest.mark.usefixtures("amplitudes_inside")
@@ -29,10 +29,11 @@ def _asked(monkeypatch, end, current=BOTH, screened=("load_spring", "gravity"), 
         return [] if end is None else [(score("gravity", 900.0), stub(*end, "gravity"))]
 
     monkeypatch.setattr(exchange, "screen", lambda *_: [score(name, 900.0) for name in screened])
-    monkeypatch.setattr(exchange, "lookalikes", beside)
+    monkeypatch.setattr(exchange, "led_there", beside)
     monkeypatch.setattr(exchange, "inside_bounds", lambda *_: inside)
     found = exchanged("load_spring", ALONE, current, judge, SimpleNamespace(order=()), [], lambda _: None)
-    return (None if found is None else found.score.effect.name if found.told else f"({found.score.effect.name})"), seen
+    rivals = ", ".join(one.effect.name for one, _ in found.rivals)
+    return (found.taking[0].effect.name if found.taking else f"({rivals})" if rivals else None), seen
 
 
 @pytest.mark.parametrize(
@@ -75,7 +76,7 @@ def _walk(monkeypatch, takes):
 
     def other(name, _smaller, current, *_):
         sought.append((name, current))
-        return takes.get(name)
+        return takes.get(name, Exchange())
 
     monkeypatch.setattr(walk, "exchanged", other)
     judge = SimpleNamespace(**vars(JUDGE), trial=lambda fit: fit)
@@ -92,11 +93,36 @@ def _walk(monkeypatch, takes):
 def test_what_takes_the_place_is_named_and_is_the_model_that_the_next_round_starts_from(monkeypatch):
     weight = stub(9.4, 26_500.0, "gravity")
     weight.fit.plant = SimpleNamespace(effects=[CATALOGUE[name] for name in ("gravity", "leakage_internal")])
-    going, sought = _walk(monkeypatch, {"load_spring": Other(score("gravity", 900.0), weight, told=True)})
+    going, sought = _walk(monkeypatch, {"load_spring": Exchange((score("gravity", 900.0), weight))})
     assert going.backward() and set(going.named) == {"gravity", "leakage_internal"} and going.current is weight
-    assert going.rungs == [(weight, True)] and going.ambiguous == {}
+    assert going.rungs == [(weight, True)] and going.ambiguous == {"gravity": ()}
     assert sought == [("load_spring", BOTH), ("leakage_internal", weight)], "the leak is judged beside what stands now"
     assert not going.backward() and len(sought) == 2, "the same is not asked twice, nor the one that was replaced"
+
+
+def test_what_is_not_told_from_what_takes_the_place_is_its_rival(monkeypatch):
+    """On a bench an offset of the force took the place of a friction by direction and was named alone; a weight is the same."""
+    weight, offset = stub(9.4, 26_500.0, "gravity"), stub(9.4, 26_500.0, "sensor_offset_F")
+    weight.fit.plant = SimpleNamespace(effects=[CATALOGUE[name] for name in ("gravity", "leakage_internal")])
+    rivals = ((score("sensor_offset_F", 900.0), offset),)
+    going, _ = _walk(monkeypatch, {"load_spring": Exchange((score("gravity", 900.0), weight), rivals)})
+    assert going.backward() and going.ambiguous == {"gravity": ("sensor_offset_F",)}
+
+
+@pytest.mark.parametrize(("group", "led"), [(("sensor_offset_F", "load_spring"), ["sensor_offset_F"]), ((), [])])
+@pytest.mark.parametrize(("error", "rival"), [(9.4, True), (40.0, False)])
+def test_group_mates_of_what_takes_the_place_are_led_there(group, led, error, rival, monkeypatch):
+    scores = [score("load_spring", 900.0), score("gravity", 900.0, group), score("sensor_offset_F", 900.0)]
+    monkeypatch.setattr(exchange, "screen", lambda *_: scores)
+    monkeypatch.setattr(exchange, "led_there", lambda *_: [(scores[1], stub(9.4, 26_500.0, "gravity"))])
+    monkeypatch.setattr(exchange, "inside_bounds", lambda *_: True)
+    made = []
+    ALONE.fit.plant = SimpleNamespace(effects=())
+    judge = SimpleNamespace(**{**vars(JUDGE), "trial": lambda _fit, name: stub(error, 26_500.0 if rival else 40_000.0, name)})
+    refitter = SimpleNamespace(order=(), led=lambda _base, _there, asked: made.append(asked.effect.name))
+    found = exchanged("load_spring", ALONE, BOTH, judge, refitter, [], lambda _: None)
+    assert found.taking is not None and made == led
+    assert [one.effect.name for one, _ in found.rivals] == (led if rival else [])
 
 
 def test_where_none_takes_the_place_nothing_changes(monkeypatch):
@@ -108,7 +134,7 @@ def test_where_none_takes_the_place_nothing_changes(monkeypatch):
 def test_what_does_better_and_is_not_told_from_the_one_that_stands_is_its_rival(monkeypatch):
     """Beside a sensor's lag inlet mixing was accepted; there a critical ratio, which was hidden, leaves 8.4 and not 8.6."""
     weight = stub(14.9, 26_990.0, "gravity")
-    going, _ = _walk(monkeypatch, {"load_spring": Other(score("gravity", 900.0), weight, told=False)})
+    going, _ = _walk(monkeypatch, {"load_spring": Exchange(rivals=((score("gravity", 900.0), weight),))})
     assert not going.backward() and set(going.named) == {"load_spring", "leakage_internal"} and going.current is BOTH
     assert going.ambiguous["load_spring"] == ("friction_position", "gravity")
     assert going.rungs == []

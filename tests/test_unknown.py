@@ -140,6 +140,8 @@ STOOD_IN = [
     ("friction_position", 0.6, 0.81, "unknown"), ("friction_position", 0.6, 0.79, "effect"),
     # a force over x beside a force over x: what the effect's form lacks, while it explains most
     ("load_spring", 0.8, 0.99, "effect"), ("load_spring", 0.7, 0.99, "unknown"),
+    # a constant has no form: what leaves next to nothing of what it leaves holds it
+    ("gravity", 0.97, 0.999, "unknown"), ("gravity", 0.97, 0.99, "effect"), ("load_spring", 0.97, 0.999, "effect"),
     # one function for several effects of several equations
     ("load_spring friction_position", 0.8, 0.99, "unknown"), ("load_spring friction_position", 0.97, 0.99, "effect"),
 ]  # fmt: skip

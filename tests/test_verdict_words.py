@@ -25,6 +25,18 @@ def test_what_is_missing_beside_rivals_stands_apart():
     assert found.to_dict()["beside"] == ["load_mass"]
 
 
+def test_two_doubts_are_told_as_two():
+    found = Diagnosis(
+        "ambiguous", ("gravity", "sensor_offset_F", "friction_pressure", "friction_warmup"), (),
+        one_of=(("gravity", "sensor_offset_F"), ("friction_pressure", "friction_warmup")),
+    )  # fmt: skip
+    one, other = "one of gravity, sensor_offset_F", "one of friction_pressure, friction_warmup"
+    assert verdict_lines(found)[0].endswith(f"{one}; and {other} (these data cannot tell which)")
+    words = str(sections.diagnosis_verdict(found).parts[0])
+    assert "cannot tell apart: gravity, sensor_offset_F; nor friction_pressure, friction_warmup." in words
+    assert found.to_dict()["one_of"] == [["gravity", "sensor_offset_F"], ["friction_pressure", "friction_warmup"]]
+
+
 def test_what_was_found_beside_something_unknown_is_told_at_once():
     unknown = "verdict: unknown - something is missing that the catalogue does not hold"
     assert verdict_lines(Diagnosis("unknown", ("gravity",), ()))[0] == f"{unknown}; found beside it: gravity"

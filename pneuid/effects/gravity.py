@@ -18,6 +18,7 @@ class Gravity(Effect):
     reference = _SOURCE
     experiment = "slow strokes in both directions, and again with the axis tilted by a known angle"
     confused_with = ("friction_direction", "sensor_offset_p1", "sensor_offset_p2", "sensor_offset_F")
+    constant = True
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """The constant force."""

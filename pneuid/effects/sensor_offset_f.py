@@ -18,6 +18,7 @@ class SensorOffsetF(Effect):
     reference = _SOURCE
     experiment = "the sensor read while nothing pulls on it, then slow strokes in both directions"
     confused_with = ("gravity", "friction_direction")
+    constant = True
     rigs = ("bench",)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:

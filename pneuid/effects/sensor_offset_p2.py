@@ -18,6 +18,7 @@ class SensorOffsetP2(Effect):
     reference = _SOURCE
     experiment = "both chambers vented for a few seconds, where the sensor must show ambient pressure, then strokes"
     confused_with = ("gravity", "friction_direction", "sensor_offset_F", "sensor_offset_p1")
+    constant = True
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """The offset; a percent of a 10 bar range is 10 kPa."""

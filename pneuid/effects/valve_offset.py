@@ -18,6 +18,7 @@ class ValveOffset(Effect):
     reference = _SOURCE
     experiment = "small slow commands around null"
     confused_with = ("valve_asymmetry", "leakage_internal")
+    constant = True
     rigs = ("servo",)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:

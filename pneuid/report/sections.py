@@ -319,7 +319,8 @@ def diagnosis_verdict(diagnosis: Diagnosis, patm: float = ATMOSPHERE) -> Section
     words, kind = _VERDICTS.get(diagnosis.verdict, (diagnosis.verdict, "warning"))
     if diagnosis.verdict == "adequate" and NOTHING_MISSING not in diagnosis.sentences:
         words, kind = f"{NOT_SHOWN.capitalize()}.", "warning"
-    words = words.replace("NAMES", ", ".join(name for name in diagnosis.effects if name not in diagnosis.beside))
+    groups = diagnosis.choices or (diagnosis.effects,)
+    words = words.replace("NAMES", "; nor ".join(", ".join(group) for group in groups))
     if diagnosis.beside:
         words += f" Missing whichever it is: {', '.join(diagnosis.beside)}."
     parts: list[Part] = [Paragraph(words, "good" if kind == "good" else "warning")]

@@ -71,12 +71,12 @@ def _found_beside(diagnosis: Diagnosis) -> str:
 
 def verdict_lines(diagnosis: Diagnosis) -> list[str]:
     """The verdict and its evidence, a line each."""
-    rivals = ", ".join(name for name in diagnosis.effects if name not in diagnosis.beside)
+    rivals = "; and ".join(f"one of {', '.join(group)}" for group in diagnosis.choices)
     beside = f"; and {', '.join(diagnosis.beside)}" if diagnosis.beside else ""
     words = {
         "adequate": NOTHING_MISSING if NOTHING_MISSING in diagnosis.sentences else NOT_SHOWN,
         "effect": f"missing: {', '.join(diagnosis.effects)}",
-        "ambiguous": f"missing: one of {rivals} (these data cannot tell which){beside}",
+        "ambiguous": f"missing: {rivals} (these data cannot tell which){beside}",
         "unknown": f"something is missing that the catalogue does not hold{_found_beside(diagnosis)}",
     }
     said = [text for text in diagnosis.sentences if text != words[diagnosis.verdict]]

@@ -103,8 +103,16 @@ class Diagnosis:
     """What the next experiment plays; the command writes it to the file that ``next_experiment`` names."""
     beside: tuple[str, ...] = ()
     """Of the ``effects`` of an ambiguous verdict those that are missing whichever of the others is."""
+    one_of: tuple[tuple[str, ...], ...] = ()
+    """Groups of the others: of each one is missing, the weightiest group first. One group where it is left out."""
     by_all_runs: bool = field(default=False, compare=False)
     """Whether the effect was named on all runs together, to which its model then is to be fitted."""
+
+    @property
+    def choices(self) -> tuple[tuple[str, ...], ...]:
+        """Groups of effects that these data do not tell apart, of each of which one is missing."""
+        rivals = tuple(name for name in self.effects if name not in self.beside)
+        return self.one_of or ((rivals,) if self.verdict == "ambiguous" else ())
 
     def to_dict(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
@@ -113,6 +121,7 @@ class Diagnosis:
         return {
             "schema": 1, "verdict": self.verdict, "effects": list(self.effects), "ranking": ranking, "unknown": unknown,
             "next_experiment": self.next_experiment, "sentences": list(self.sentences), "beside": list(self.beside),
+            "one_of": [list(group) for group in self.choices],
         }  # fmt: skip
 
     def to_pandas(self) -> pd.DataFrame:

@@ -9,32 +9,31 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pneuid.criticism.decision.acceptance import inside_bounds
-from pneuid.criticism.decision.rivals import alike, lookalikes
+from pneuid.criticism.decision.acceptance import Tried, inside_bounds
+from pneuid.criticism.decision.rivals import alike, beats, contains, led_there
 from pneuid.criticism.decision.rounds import Say
+from pneuid.criticism.refitting.refits import Asked
 from pneuid.criticism.refitting.refitter import Refitter
 from pneuid.criticism.refitting.restarts import CLEARLY
 from pneuid.criticism.refitting.trial import Judge, Trial
 from pneuid.criticism.screening.scores import Score, screen
 from pneuid.effect import Effect
 
+Pair = tuple[Score, Trial]
+
 
 @dataclass(frozen=True)
-class Other:
-    """An effect that does better in another's place, and the trial with it.
+class Exchange:
+    """What takes an effect's place, None where it stays, and what these data do not tell from the one that then stands."""
 
-    told : whether both kinds of runs tell the two.
-    """
-
-    score: Score
-    trial: Trial
-    told: bool
+    taking: Pair | None = None
+    rivals: tuple[Pair, ...] = ()
 
 
 def exchanged(
     name: str, smaller: Trial, current: Trial, judge: Judge, refitter: Refitter, candidates: Sequence[Effect], say: Say
-) -> Other | None:
-    """What takes the place of one of a model's effects, or is not told from it though it does better there; else None.
+) -> Exchange:
+    """Whether one of a model's effects gives its place to another that does better there.
 
     name : the effect; smaller : trial of the model without it. To take its place both kinds of runs must tell the other from
     it, the training runs by their cost and by what is predicted of them: of a seal's friction by pressure a warmth cost a third
@@ -43,18 +42,49 @@ def exchanged(
     pressure left 3.1 and not 4.1 floors, and 3.5 and not 3.4 of the training runs.
     """
     if current.error - 1.0 < judge.small:
-        return None
+        return Exchange()
     scores = list(screen(smaller.fit, candidates, refitter.order))
     own = next((score for score in scores if score.effect.name == name), None)
     if own is None:
-        return None
+        return Exchange()
     standing = own, current
-    found = [pair for pair in lookalikes(standing, scores, [standing], smaller, judge, refitter, say) if inside_bounds(*pair)]
-    if not found:
-        return None
-    best = min(found, key=lambda pair: pair[1].error)
+    ends = [pair for pair in led_there(standing, scores, [standing], smaller, judge, refitter, say) if inside_bounds(*pair)]
+    foretold = [pair for pair in ends if _foretold(pair[1], current, judge)]
+    best = min((pair for pair in ends if beats(pair[1], current)), key=lambda pair: pair[1].error, default=None)
+    if best is None or not _foretold(best[1], current, judge):
+        return Exchange(rivals=_rivals(standing, foretold, smaller, judge))
+    others = [pair for pair in foretold if pair is not best]
+    if alike(best, [standing], smaller, judge):
+        return Exchange(rivals=(best, *_rivals(standing, others, smaller, judge)))
+    others += _mates(best, scores, {name}, ends, smaller, judge, refitter, say)
+    return Exchange(best, _rivals(best, others, smaller, judge))
+
+
+def _foretold(trial: Trial, current: Trial, judge: Judge) -> bool:
+    """Whether what does better held out predicts the training runs no worse, or hardly worse where it is clearly better."""
     # of two that tell of one thing the other way round the clearer one counts
-    clearly = best[1].error < CLEARLY * current.error
-    most = judge.usually_fits(current) / (CLEARLY if clearly else 1.0)
-    worse = judge.usually_fits(best[1]) > most
-    return None if worse else Other(*best, told=not alike(best, [standing], smaller, judge))
+    clearly = trial.error < CLEARLY * current.error
+    return judge.usually_fits(trial) <= judge.usually_fits(current) / (CLEARLY if clearly else 1.0)
+
+
+def _rivals(one: Pair, others: Tried, smaller: Trial, judge: Judge) -> tuple[Pair, ...]:
+    """The others that explain as much as one of them, but for what contains it and gains nothing by being more."""
+    return tuple(pair for pair in alike(one, others, smaller, judge) if not contains(pair, one))
+
+
+def _mates(
+    best: Pair, scores: Sequence[Score], known: set[str], ends: Tried, smaller: Trial, judge: Judge, refitter: Refitter,
+    say: Say,
+) -> Tried:  # fmt: skip
+    """Trials with the group mates of what takes the place that have not been looked at, from where that one led.
+
+    On a bench an offset of the force sensor took the place of a friction by direction; a weight is the same constant.
+    """
+    known = known | {score.effect.name for score, _ in ends} | {other.name for other in smaller.fit.plant.effects}
+    found = []
+    for score in scores:
+        if score.effect.name in best[0].group and score.effect.name not in known:
+            say(f"{score.effect.name} from where {best[0].effect.name} led")
+            asked = Asked(score.effect, score.whole_start, score.gain)
+            found.append((score, judge.trial(refitter.led(smaller.fit, best[1].fit, asked), score.effect.name)))
+    return found

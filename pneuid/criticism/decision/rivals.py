@@ -185,12 +185,26 @@ def lookalikes(
     refitter: Refitter, say: Say,
 ) -> Tried:  # fmt: skip
     """Trials with effects that are easily confused with a chosen one that leaves more than noise, from where that one led, if
-    they beat it: held-out and training runs must both say so.
+    they beat it."""
+    return [pair for pair in led_there(chosen, scores, tried, current, judge, refitter, say) if beats(pair[1], chosen[1])]
+
+
+def beats(trial: Trial, other: Trial) -> bool:
+    """Whether held-out and training runs both speak for a trial: a warmth that starts anew in each run passes for a friction by
+    the pressure of each run, predicts 5 % better and costs more."""
+    before, after = costs(other, trial)
+    return trial.error < other.error and after < before
+
+
+def led_there(
+    chosen: tuple[Score, Trial], scores: Sequence[Score], tried: Tried, current: Trial, judge: Judge,
+    refitter: Refitter, say: Say,
+) -> Tried:  # fmt: skip
+    """Trials with effects that are easily confused with a chosen one that leaves more than noise, from where that one led.
 
     Those come first that promise most, at zero or at a step of a typical size. What has more parameters than the right effect
     may promise and explain more than others do: beside a friction by direction, left at 2.2 floors, a weight promised half as
-    much and was not looked at; from there it left 1.1. A warmth that starts anew in each run passes for a friction by the
-    pressure of each run, predicts 5 % better and costs more.
+    much and was not looked at; from there it left 1.1.
     """
     effect, trial = chosen[0].effect, chosen[1]
     if trial.error - 1.0 < judge.small or effect.richer_law:
@@ -209,7 +223,5 @@ def lookalikes(
         asked = Asked(score.effect, steps[name].start, score.gain)
         end = judge.trial(refitter.led(current.fit, trial.fit, asked), name)
         say(f"with {name}: held-out error {np.sqrt(current.error):.2f} -> {np.sqrt(end.error):.2f} floors")
-        cost, other = costs(trial, end)
-        if end.error < trial.error and other < cost:
-            found.append((score, end))
+        found.append((score, end))
     return found

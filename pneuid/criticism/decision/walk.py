@@ -247,20 +247,23 @@ class Walk(Ascent):
         place = frozenset(self.named) - {name}
         if (name, place) in self.looked_at:
             return name
-        other = exchanged(name, smaller, self.current, self.judge, self.refitter, list(self.catalogue.values()), self.say)
-        stands = name if other is None else other.score.effect.name
+        how = self.current, self.judge, self.refitter, list(self.catalogue.values()), self.say
+        found = exchanged(name, smaller, *how)
+        stands = found.taking[0].effect.name if found.taking else name
         self.looked_at |= {(name, place), (stands, place)}
-        if other is None:
+        rivals = tuple(score.effect.name for score, _ in found.rivals)
+        for score, trial in found.rivals:
+            self._record(score, trial, keep=False)
+        if found.taking is None:
+            if rivals:
+                self.say(f"{', '.join(rivals)} explains as well in the place of {name}")
+                self.ambiguous[name] = tuple(dict.fromkeys((*self.ambiguous.get(name, ()), *rivals)))
             return name
-        if not other.told:
-            self.say(f"{stands} explains as well in the place of {name}")
-            self.ambiguous[name] = tuple(dict.fromkeys((*self.ambiguous.get(name, ()), stands)))
-            self._record(other.score, other.trial, keep=False)
-            return name
-        score, trial = other.score, other.trial
+        score, trial = found.taking
         self.say(f"{stands} takes the place of {name}: held-out and training runs both say so")
         self.named = [stands if one == name else one for one in self.named]
         self.ambiguous.pop(name, None)
+        self.ambiguous[stands] = rivals
         self._record(score, trial, keep=False)
         self.rungs.append(self.rung(trial, True))
         self.current = trial

@@ -129,7 +129,7 @@ def for_verdict(
 ) -> Experiment | None:
     """The experiment for an ambiguous verdict: its candidates are fitted and told apart; None for other verdicts.
 
-    What is missing whichever of them is, each of them is fitted with.
+    Of several groups the weightiest. What is missing whichever of them is, each of them is fitted with.
     """
     diagnosis = verdict.diagnosis
     if diagnosis.verdict != "ambiguous":
@@ -137,10 +137,10 @@ def for_verdict(
     order = list(catalogue)
     present = {effect.name for effect in verdict.best.plant.effects}
     most = MOST_RIVALS[base.plant.rig.kind]
-    candidates = [name for name in diagnosis.effects if name not in diagnosis.beside]
+    candidates = diagnosis.choices[0]
     effects = [catalogue[name] for name in candidates[:most] if not catalogue[name].richer_law]
     refits = refitter or Refitter(order)
-    if diagnosis.beside and candidates[0] in present:
+    if (diagnosis.beside or diagnosis.choices[1:]) and candidates[0] in present:
         base = refits.without(verdict.best, candidates[0])
     starts = {score.effect.name: score.whole_start for score in screen(base, effects, order)}
     asked = [Asked(effect, starts.get(effect.name, {})) for effect in effects if effect.name not in present]

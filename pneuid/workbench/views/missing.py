@@ -17,7 +17,7 @@ from pneuid.workbench.views.parts import chart, live_job, model_choice
 _VERDICTS = {
     "adequate": ("Nothing is missing above the noise.", "good"),
     "effect": ("Missing: {effects}", "warning"),
-    "ambiguous": ("Missing: one of {effects}; these data cannot tell which{beside}.", "warning"),
+    "ambiguous": ("Missing: {effects}; these data cannot tell which{beside}.", "warning"),
     "unknown": ("Something is missing that the catalogue does not hold.", "warning"),
 }
 
@@ -52,9 +52,11 @@ def _diagnosis(page: Any, folder: str, found: Mapping[str, Any], running: bool) 
         words, kind = "These runs do not show that an effect is missing.", "warning"
     beside = found.get("beside", ())
     rivals = [name for name in found["effects"] if name not in beside]
+    groups = found.get("one_of") or ([rivals] if found["verdict"] == "ambiguous" else [])
+    effects = "; and ".join(f"one of {', '.join(group)}" for group in groups) or ", ".join(rivals)
     with ui.column().classes(f"panel {kind} w-full gap-1"):
         text = (
-            ui.label(words.format(effects=", ".join(rivals), beside=f"; and {', '.join(beside)}" if beside else ""))
+            ui.label(words.format(effects=effects, beside=f"; and {', '.join(beside)}" if beside else ""))
             .classes("head")
             .props('data-testid="verdict"')
         )
