@@ -107,6 +107,31 @@ def test_what_stands_out_beside_another_effect_need_not_take_a_part_of_the_cost(
     assert acceptance.accepted(by_chance, standing, first, JUDGE) is None, "chance stands out of nothing"
 
 
+@pytest.mark.parametrize(
+    ("name", "error", "usual", "whole", "cost", "taken"),
+    [
+        ("load_spring", 12.0, 22.0, 30.0, 27_000.0, True),  # 63 % of what is left, half of it on the training runs
+        ("load_spring", 12.0, 27.0, 30.0, 27_000.0, False),  # but not of the usual windows there
+        ("load_spring", 12.0, 22.0, 40.0, 27_000.0, False),  # nor of all
+        ("load_spring", 17.0, 22.0, 30.0, 27_000.0, False),  # less than half held out
+        ("load_spring", 12.0, 22.0, 30.0, 27_590.0, False),  # no more of the cost than chance
+        ("valve_dead_zone", 12.0, 22.0, 30.0, 27_000.0, False),  # what is confused with the leak that stands may be its form
+    ],
+)
+def test_what_halves_what_is_left_of_both_kinds_of_runs_need_not_take_what_a_form_does(
+    name, error, usual, whole, cost, taken
+):
+    """A spring beside friction by pressure took 4.7 % of what that had brought, and 78 % of what was left of either."""
+    standing = stub(30.8, 27_600.0, "valve_null_leakage")
+    standing.fit.plant = SimpleNamespace(servo=False, effects=(CATALOGUE["valve_null_leakage"],))
+    judge = SimpleNamespace(**{
+        **vars(JUDGE), "usually_fits": lambda trial: 50.0 if trial is standing else usual,
+        "fits": lambda trial: 70.0 if trial is standing else whole,
+    })  # fmt: skip
+    found = acceptance.accepted([(score(name, 500.0), stub(error, cost, name))], standing, FIRST, judge)
+    assert (found is not None) == taken
+
+
 def test_costs_are_compared_with_loose_defects_where_one_has_no_others():
     """A base model too wrong for tight ones: what a later effect brings with tight ones says nothing beside it."""
 

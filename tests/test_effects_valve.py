@@ -41,6 +41,32 @@ def test_the_two_sides_pass_flows_in_the_ratio_of_their_conductances_up_to_full_
             )
 
 
+# --- dead zone ---
+
+
+@given(st.floats(0.01, 0.2), st.floats(-0.5, 0.5), st.floats(-9.9, 9.9))
+def test_within_its_laps_the_valve_opens_nothing_and_beyond_what_is_left(d, skew, u):
+    sharp = {"dead_zone": d, "lap_skew": skew, "lap_edge": 1e-3}
+    above, below, s = d * (1.0 + skew), d * (1.0 - skew), 0.1 * u
+    expected = max(s - above, 0.0) - max(-s - below, 0.0)
+    assert float(at(plant_with("valve_dead_zone"), {"u": u}, sharp).opening) == pytest.approx(expected, abs=1.01e-3 * d)
+
+
+@given(st.floats(0.01, 0.2), st.floats(0.05, 0.5))
+def test_a_rounded_lap_opens_early_and_loses_nothing_far_beyond(d, edge):
+    plant, rounded = plant_with("valve_dead_zone"), {"dead_zone": d, "lap_skew": 0.0, "lap_edge": edge}
+    assert float(at(plant, {"u": 10.0 * d}, rounded).opening) == pytest.approx(0.5 * edge * d, rel=0.2)
+    assert float(at(plant, {"u": 0.0}, rounded).opening) == pytest.approx(0.0, abs=1e-15)
+    far = 0.25 * (edge * d) ** 2 * (1.0 / (0.9 - d) - 1.0 / (0.9 + d))
+    assert float(at(plant, {"u": 9.0}, rounded).opening) == pytest.approx(0.9 - d + far, abs=0.2 * far + 1e-6)
+
+
+@given(st.floats(-0.5, 0.5), st.floats(1e-3, 1.0), st.floats(-9.9, 9.9))
+def test_without_a_lap_its_shapes_mean_nothing(skew, edge, u):
+    shapes = {"dead_zone": 0.0, "lap_skew": skew, "lap_edge": edge}
+    assert float(at(plant_with("valve_dead_zone"), {"u": u}, shapes).opening) == pytest.approx(0.1 * u, abs=1e-12)
+
+
 # --- lag ---
 
 

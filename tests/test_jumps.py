@@ -72,6 +72,15 @@ def test_a_step_of_either_sign_is_tried():
     assert there.drop == pytest.approx(back.drop, rel=1e-9) and there.start == pytest.approx(back.start)
 
 
+@pytest.mark.parametrize(("name", "reach"), [("gravity", 5.0), ("friction_lag", 1.0)])
+def test_an_effect_without_a_state_is_looked_at_at_five_typical_sizes_too(name, reach):
+    """At a thousandth of its size what it promises still grows with the step."""
+    tiny = {key: 1e-3 * value for key, value in sizes()[name].items()}
+    found = jumped(base_fit("gravity"), scores("gravity"), {name: tiny}, list(CATALOGUE))[name]
+    reached = {key: abs(value) / tiny[key] for key, value in found.start.items()}
+    assert reached == pytest.approx(dict.fromkeys(tiny, reach))
+
+
 def test_the_drop_is_that_of_the_best_multiple_up_to_twice():
     """Against a grid of multiples of the quadratic model."""
     fit = base_fit("gravity")
