@@ -192,11 +192,14 @@ def test_what_takes_a_part_of_the_errors_at_break_away_and_nothing_of_the_cost_o
     assert acceptance.moves_break_away_alone(stub(left, cost, "inlet_mixing"), stub(25.9, 6594.0)) is alone
 
 
-@pytest.mark.parametrize(("unseen", "taken"), [(4.0, True), (13.0, False)])
-def test_a_gain_read_off_the_judged_runs_themselves_does_not_count(unseen, taken):
-    """A warmth that starts anew in each run is a free level of friction: without it 4 or 13 of 20 squared floors are left."""
+@pytest.mark.parametrize(("standing", "unseen", "taken"), [(20.0, 4.0, True), (20.0, 13.0, False), (30.0, 13.0, True)])
+def test_a_gain_read_off_the_judged_runs_themselves_does_not_count(standing, unseen, taken):
+    """A warmth that starts anew in each run is a free level of friction: without it 4 or 13 of 20 squared floors are left.
+
+    Where a warmth stands already, it does without that level as well, and leaves 30 then.
+    """
     current, warm = stub(20.0, 30_000.0), stub(2.0, 25_000.0, "friction_warmup")
-    judge = SimpleNamespace(**{**vars(JUDGE), "unseen": lambda _: unseen})
+    judge = SimpleNamespace(**{**vars(JUDGE), "unseen": lambda trial: standing if trial is current else unseen})
     found = acceptance.accepted([(score("friction_warmup", 5e3), warm)], current, current, judge)
     assert (found is not None) is taken
 
