@@ -80,27 +80,34 @@ def test_a_force_offset_shifts_the_force():
     assert float(with_it.outputs["F"]) == pytest.approx(float(without.outputs["F"]) + 3.0, rel=1e-12)
 
 
-def test_a_lagging_force_follows_a_reversal_and_does_not_smooth_the_pressures():
+@pytest.mark.parametrize("share", [0.0, 0.25, 0.5])
+def test_a_lagging_force_follows_a_reversal_and_does_not_smooth_the_pressures(share):
     plant, tau = plant_with("sensor_lag_F", on=rig("bench")), 6e-3
-    values = {"tau_F": tau}
+    values = {"tau_F": tau, "order_F": share}
     theta = plant.theta(values_of(plant, values), RANGES)
     w = np.array([0.2, 0.02, 0.0, 4e5, 3e5])
     step = step_function(plant)
-    there = march(step, np.zeros(2), w, np.array([0.02, 0, 0, 0, 0]), H, 200, theta)
+    there = march(step, np.zeros(len(plant.states)), w, np.array([0.02, 0, 0, 0, 0]), H, 400, theta)
     w[1] = -0.02
     back = march(step, there[:, -1], w, np.array([-0.02, 0, 0, 0, 0]), H, 200, theta)
     shown, true = (
         np.array([
-            float(at(plant, {"z": z, "F_followed": f, "v": -0.02}, given).outputs["F"]) for z, f in back.T
+            float(at(plant, dict(zip(plant.states, state, strict=True)) | {"v": -0.02}, given).outputs["F"])
+            for state in back.T
         ])
         for given in (values, {"tau_F": 0.0})
     )  # fmt: skip
-    t, T = H * np.arange(back.shape[1]), np.hypot(tau, 2e-3)
-    _, expected, _ = lsim(([T - tau, 1.0], [T, 1.0]), true - true[-1], t, X0=None)
-    # the filter starts from where the force was before the reversal
-    before = there[1, -1] - (true[0] + _pushing())
-    memory = (before + (true[0] - true[-1])) * tau / T * np.exp(-t / T)
-    np.testing.assert_allclose(shown - true[-1], expected + memory, atol=0.02 * np.ptp(true))
+    # both filters in a row over the whole record: what it was before the reversal, and what it is from then on
+    t = H * np.arange(400 + back.shape[1])
+    before = there[plant.states.index("F_followed"), -1] - _pushing()
+    delays = (tau * (1.0 - share), tau * share)
+    up, down = np.poly1d([1.0]), np.poly1d([1.0])
+    for delay in delays:
+        T = np.hypot(delay, 2e-3)
+        up, down = up * np.poly1d([T - delay, 1.0]), down * np.poly1d([T, 1.0])
+    whole = np.concatenate([np.full(400, before), true])
+    _, expected, _ = lsim((up.coeffs, down.coeffs), whole - before, t)
+    np.testing.assert_allclose(shown, before + expected[400:], atol=0.02 * np.ptp(true))
     # a jump of the measured pressure is passed on at once
     jump = [float(at(plant, {"p1": p1, "F_followed": 10.0}, values).outputs["F"]) for p1 in (4e5, 4.1e5)]
     assert jump[1] - jump[0] == pytest.approx(-1e4 * rig("bench").A1, rel=1e-9)

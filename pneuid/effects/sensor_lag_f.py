@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
-from pneuid.physics.lag import vanishing_lag
+from pneuid.physics.lag import Stage, two_lags
 from pneuid.rig import Rig
 
-_SOURCE = "Doebelin, Measurement Systems (McGraw-Hill 2003), section 3.3 (first-order instrument)"
+_SOURCE = "Doebelin, Measurement Systems (McGraw-Hill 2003), section 3.3 (instruments of first and second order)"
 
 _SHORTEST = 2.0e-3
 """Time constant in s with which the lag is screened; below it the lag keeps its delay alone."""
 
 
 class SensorLagF(Effect):
-    """The sensor shows ``F`` behind a first-order lag of mean delay ``tau``.
+    """The sensor shows ``F`` behind two lags in a row of mean delay ``tau``, of which the second has the share ``h``.
 
     The lag is that of inertia, friction and weight. Regulators hold the chambers, so that the pressure force hardly changes
     within ``tau``; lagging it would smooth the noise of the measured pressures and be rewarded for that alone.
@@ -27,19 +27,31 @@ class SensorLagF(Effect):
     experiment = "fast reversals, where the force jumps by twice the friction"
     confused_with = ("friction_lag",)
     rigs = ("bench",)
-    states = (State("F_followed", "N", 0.0, 100.0, 1.0),)
+    states = (State("F_between", "N", 0.0, 100.0, 1.0), State("F_followed", "N", 0.0, 100.0, 1.0))
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Time constant of the amplifier; milliseconds are usual."""
-        return (Parameter("tau_F", "τ_F", "s", 0.0, 0.2, 0.0, 2e-3, _SOURCE, off=0.0),)
+        """Delay of the amplifier, milliseconds are usual, and the share of the second lag.
+
+        It is 0 for a filter of first order, 0.5 for one of second order with equal roots.
+        """
+        return (
+            Parameter("tau_F", "τ_F", "s", 0.0, 0.2, 0.0, 2e-3, _SOURCE, off=0.0),
+            Parameter("order_F", "h_F", "1", 0.0, 0.5, 0.2, 0.1, _SOURCE, prior=0.2),
+        )
 
     def sensor(self, signal: str, value: Expression, scope: Scope) -> Expression:
         """Show what followed in place of what acts."""
         if signal != "F":
             return value
-        weight, _ = vanishing_lag(scope.p.tau_F, _SHORTEST)
-        return value - weight * (scope.F + scope.pressure_force - scope.state.F_followed)
+        lagging = scope.F + scope.pressure_force
+        return value - lagging + self._followed(lagging, scope)[0]
 
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
         """It follows the force without that of the pressures."""
-        return {"F_followed": (scope.F + scope.pressure_force, vanishing_lag(scope.p.tau_F, _SHORTEST)[1])}
+        stages = self._followed(scope.F + scope.pressure_force, scope)[1]
+        return dict(zip(("F_between", "F_followed"), stages, strict=True))
+
+    @staticmethod
+    def _followed(force: Expression, scope: Scope) -> tuple[Expression, tuple[Stage, Stage]]:
+        p, state = scope.p, scope.state
+        return two_lags(force, (state.F_between, state.F_followed), p.tau_F, p.order_F, _SHORTEST)

@@ -1,4 +1,4 @@
-"""A first-order lag that may vanish: regular, with a useful derivative, where its time constant is zero."""
+"""Lags that may vanish: regular, with a useful derivative, where their time constants are zero."""
 
 from __future__ import annotations
 
@@ -16,3 +16,21 @@ def vanishing_lag(delay: Expression, shortest: float) -> tuple[Expression, Expre
     """
     time_constant = ca.sqrt(delay * delay + shortest * shortest)
     return delay / time_constant, time_constant
+
+
+Stage = tuple[Expression, Expression]
+"""What a stage of a lag follows, and its time constant in s."""
+
+
+def two_lags(
+    value: Expression, followed: tuple[Expression, Expression], delay: Expression, share: Expression, shortest: float
+) -> tuple[Expression, tuple[Stage, Stage]]:
+    """``value`` behind two lags in a row of mean delay ``delay`` (s), of which the second has the ``share``.
+
+    followed : what the first and the second have followed so far. Returned: what comes out, and what each follows. With a share
+    of zero a first-order lag, of a half one of second order with equal roots, near to a spool or a filter of usual damping.
+    """
+    first, T1 = vanishing_lag(delay * (1.0 - share), shortest)
+    second, T2 = vanishing_lag(delay * share, shortest)
+    between = value - first * (value - followed[0])
+    return between - second * (between - followed[1]), ((value, T1), (between, T2))
