@@ -49,6 +49,19 @@ def test_a_spring_pulls_in_proportion_to_the_distance_from_its_free_position():
         assert pull * plant.rig.mass == pytest.approx(-200.0 * (x - 0.1), abs=1e-9)
 
 
+@pytest.mark.parametrize(("bend", "hard"), [(0.0, 0.4), (0.3, 0.0), (-0.2, -0.5)])
+def test_a_spring_that_hardens_pulls_by_the_square_and_the_cube_of_the_way_from_the_middle(bend, hard):
+    plant = plant_with("load_spring")
+    low, high = WIDE["x_low"], WIDE["x_high"]
+    half, middle = 0.5 * (high - low), 0.5 * (low + high)
+    on = {"k_spring": 200.0, "x_free": 0.1, "bend_spring": bend, "hard_spring": hard}
+    for y in (-1.0, -0.3, 0.0, 0.5, 1.0):
+        x = middle + y * half
+        pull = rates(plant, {"x": x}, on)["v"] - rates(plant, {"x": x}, {"k_spring": 0.0})["v"]
+        expected = -200.0 * (x - 0.1 + half * (bend * y**2 + hard * y**3))
+        assert pull * plant.rig.mass == pytest.approx(expected, abs=1e-8)
+
+
 def test_a_load_on_a_spring_swings_at_its_natural_frequency():
     plant = plant_with("load_spring")
     # pressures follow the motion: their stiffness is taken out by a huge dead volume and no air in the chambers

@@ -308,6 +308,19 @@ def test_the_critical_ratio_is_that_of_a_rig_file_that_says_so(b, p1, p2, u):
     assert float(freed.mdot2) == pytest.approx(float(other.mdot2), rel=1e-9, abs=1e-15)
 
 
+@pytest.mark.parametrize("u", [1.0, 5.0, 10.0, -2.5])
+@pytest.mark.parametrize("slope", [-0.8, 0.5])
+def test_a_ratio_that_slopes_is_that_of_a_rig_file_for_the_opening(slope, u):
+    point = {"p1": 5.2e5, "p2": 4.1e5, "u": u}
+    b = rig().critical_ratio + 0.1 * (1.0 + slope * (1.0 - 2.0 * abs(u) / 10.0))
+    other = at(plant_with(on=rig(changes={"valve": {"critical_ratio": b}})), point)
+    freed = at(
+        plant_with("valve_critical_ratio"), point, {"critical_ratio": rig().critical_ratio + 0.1, "ratio_slope": slope}
+    )
+    for flow in ("mdot1", "mdot2"):
+        assert float(getattr(freed, flow)) == pytest.approx(float(getattr(other, flow)), rel=1e-6)
+
+
 def test_a_larger_subsonic_index_lets_less_through_near_the_supply_and_as_much_when_choked():
     plant = plant_with("valve_critical_ratio")
     near, choked = ({"p1": p1, "p2": 1.1e5, "psup": 7e5, "u": 5.0} for p1 in (6.5e5, 1.5e5))

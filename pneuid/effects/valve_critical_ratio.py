@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import casadi as ca
+
 from pneuid.effect import Effect, Expression, Parameter, Scope
 from pneuid.physics.friction import FrictionLaw
 from pneuid.rig import Rig
@@ -30,11 +32,13 @@ class ValveCriticalRatio(Effect):
         return (
             Parameter("critical_ratio", "b", "1", low, high, b, 0.05, _SOURCE, off=b),
             Parameter("subsonic_index", "m", "1", 0.4, 0.7, 0.5, 0.05, _SOURCE, off=0.5),
+            Parameter("ratio_slope", "c", "1", -1.0, 1.0, 0.0, 0.1, _SOURCE, prior=0.4),
         )
 
     def critical_ratio(self, b: Expression, scope: Scope) -> Expression:
         """Shift the valve's ratio by the difference to the rig file's."""
-        return b + (scope.p.critical_ratio - scope.rig.b)
+        other, opened = scope.p.critical_ratio - scope.rig.b, scope.opening_1 + scope.opening_2
+        return ca.fmin(ca.fmax(b + other * (1.0 + scope.p.ratio_slope * (1.0 - 2.0 * opened)), 0.01), 0.95)
 
     def subsonic_index(self, m: Expression, scope: Scope) -> Expression:
         """The exponent of its own."""
