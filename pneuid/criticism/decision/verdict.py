@@ -37,8 +37,8 @@ STILL_FAR = 3.0
 called adequate."""
 
 STILL_OFF = 2.0
-"""The same without what is a wrong form's: above it a function is looked for beside the effects, which shows where they fall
-short. A friction over the stroke and a constant in place of a hose that pulls by the square of a pressure left 2.9 and 2.3."""
+"""Held-out error in floors from which a function is looked for beside the effects named: it shows where their form falls short,
+or that a constant is none. A weight in place of a hose that pulls by the square of a pressure left 2.3."""
 
 NEARLY_ALL, FLOORS = 0.95, 6.0
 """Share of the excess explained below which, where the held-out error is more than that many floors, the verdict is ``unknown``
