@@ -160,6 +160,12 @@ def test_an_effect_that_stood_in_for_the_unknown_gives_way_to_it(effect, explain
     assert found.unknown is not None and found.unknown.curve is not None
 
 
+@pytest.mark.parametrize(("near", "verdict"), [(False, "unknown"), (True, "effect")])
+def test_effects_that_leave_little_are_not_asked_to_give_way(near, verdict, monkeypatch):
+    assert _stood_in("friction_position", 0.94, 0.98, 0.5, monkeypatch, near).verdict == verdict
+    assert _stood_in("gravity", 0.97, 0.999, 0.5, monkeypatch, near).verdict == "unknown", "a constant is, as it has no form"
+
+
 @pytest.mark.parametrize(("took", "verdict"), [(0.01, "unknown"), (0.3, "unknown"), (0.36, "effect")])
 def test_effects_that_the_training_runs_hardly_show_give_way_to_what_they_show(took, verdict, monkeypatch):
     """A clamped rod seal: viscous friction took 0.1 % of the training cost and 54 % of the held-out excess, friction over dp
@@ -168,7 +174,7 @@ def test_effects_that_the_training_runs_hardly_show_give_way_to_what_they_show(t
     assert _stood_in("friction_viscous_nonlinear", 0.54, 0.53, took, monkeypatch).verdict == "effect"
 
 
-def _stood_in(effect: str, explains: float, alone: float, took: float, monkeypatch) -> Diagnosis:
+def _stood_in(effect: str, explains: float, alone: float, took: float, monkeypatch, near: bool = False) -> Diagnosis:
     names = tuple(effect.split())
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
     monkeypatch.setattr(
@@ -181,7 +187,7 @@ def _stood_in(effect: str, explains: float, alone: float, took: float, monkeypat
     diagnosis = Diagnosis("effect", names, (), Unknown("force", ("x",), 1.0, "N"))
     best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE[name] for name in names]))
     best = replace(best, relaxed=replace(base.relaxed, cost=base.relaxed.cost - took * named.gain))
-    return explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
+    return explained(Verdict(diagnosis, best, base, rungs, near=near), [held]).diagnosis
 
 
 @pytest.mark.parametrize(

@@ -87,13 +87,18 @@ SHOWN = (
 @dataclass
 class Verdict:
     """What ``diagnose`` returns: the diagnosis, the model it ends with, the base that it was measured against, and the rungs
-    climbed or rejected; ``lacking`` is the model fitted to all runs where nothing was named although these show something."""
+    climbed or rejected.
+
+    lacking : the model fitted to all runs where nothing was named although these show something; near : whether the effects
+    named explain nine tenths and leave less than three floors, but for the worst windows.
+    """
 
     diagnosis: Diagnosis
     best: Fit
     base: Fit
     rungs: list[Rung] = field(default_factory=list)
     lacking: Fit | None = None
+    near: bool = False
 
 
 def diagnose(
@@ -119,7 +124,9 @@ def diagnose(
     beyond = [] if found.verdict == "adequate" else uncovered(base, judge.held)
     found = replace(found, sentences=(*found.sentences, *walk.moved, *beyond), by_all_runs=walk.by_all_runs)
     lacking = None if walk.lacking is None else walk.lacking.fit
-    return Verdict(found, walk.current.fit, walk.first.fit, walk.rungs, lacking)
+    ended = walk.current.error
+    near = ended <= STILL_FAR**2 and walk.first.error - ended >= MOSTLY * (walk.first.error - 1.0)
+    return Verdict(found, walk.current.fit, walk.first.fit, walk.rungs, lacking, near)
 
 
 def climb(walk: Walk) -> None:

@@ -67,7 +67,7 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
     theirs, constant = {item.equation for item in standing}, bool(standing) and all(item.constant for item in standing)
     # effects that explain a good part of the held-out excess stand; what explains little may stand in for the rest
     minor, much, alone = diagnosis.verdict == "unknown", left > MUCH * excess, None
-    if diagnosis.effects and (minor or constant or left > LITTLE * excess):
+    if diagnosis.effects and (minor or constant or (left > LITTLE * excess and not verdict.near)):
         alone = search(verdict.base, hold_out, floor, say)
         # of its own equation it is what their form lacks; but one function for several effects of several equations is plainer
         elsewhere = _other(alone, theirs) or len(theirs) > 1
