@@ -42,6 +42,8 @@ def _asked(monkeypatch, end, current=BOTH, screened=("load_spring", "gravity"), 
         ((9.4, 26_500.0), "gravity"),
         ((9.4, 26_990.0), "(gravity)"),  # the training runs do not tell the two
         ((14.96, 26_500.0), "(gravity)"),  # nor do the held-out ones
+        ((15.02, 27_010.0), "(gravity)"),  # it does as well, and no better
+        ((40.0, 35_000.0), None),
         (None, None),
     ],
 )
