@@ -156,7 +156,7 @@ def test_an_effect_that_stood_in_for_the_unknown_gives_way_to_it(effect, explain
     found = _stood_in(effect, explains, alone, 0.5, monkeypatch)
     names = tuple(effect.split())
     assert found.verdict == verdict
-    assert found.effects == (() if verdict == "unknown" else names)
+    assert (found.effects, found.beside) == (((), ()) if verdict == "unknown" else (names, names[1:]))
     assert found.unknown is not None and found.unknown.curve is not None
 
 
@@ -164,6 +164,14 @@ def test_an_effect_that_stood_in_for_the_unknown_gives_way_to_it(effect, explain
 def test_effects_that_leave_little_are_not_asked_to_give_way(near, verdict, monkeypatch):
     assert _stood_in("friction_position", 0.94, 0.98, 0.5, monkeypatch, near).verdict == verdict
     assert _stood_in("gravity", 0.97, 0.999, 0.5, monkeypatch, near).verdict == "unknown", "a constant is, as it has no form"
+
+
+def test_of_an_ambiguous_verdict_that_becomes_unknown_no_choice_is_left():
+    named = ("gravity", "load_spring", "load_mass")
+    doubted = Diagnosis("ambiguous", named, (), beside=named[2:], one_of=(named[:2],))
+    assert doubted.choices == (named[:2],)
+    unknown = replace(doubted, verdict="unknown")
+    assert unknown.choices == () and unknown.to_dict()["one_of"] == []
 
 
 @pytest.mark.parametrize(("took", "verdict"), [(0.01, "unknown"), (0.3, "unknown"), (0.36, "effect")])
@@ -184,7 +192,7 @@ def _stood_in(effect: str, explains: float, alone: float, took: float, monkeypat
         Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6)
         for effects, error in (((), 10.0), (names, np.sqrt(1.0 + 99.0 * (1.0 - explains))))
     ]
-    diagnosis = Diagnosis("effect", names, (), Unknown("force", ("x",), 1.0, "N"))
+    diagnosis = Diagnosis("effect", names, (), Unknown("force", ("x",), 1.0, "N"), beside=names[1:])
     best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE[name] for name in names]))
     best = replace(best, relaxed=replace(base.relaxed, cost=base.relaxed.cost - took * named.gain))
     return explained(Verdict(diagnosis, best, base, rungs, near=near), [held]).diagnosis

@@ -137,8 +137,8 @@ def _begun(task: Task, start: Mapping[str, float]) -> tuple[Shooting, np.ndarray
     cushion had braked by a static friction of 9.8 kN; its values read anew ran away in 16 of 825 intervals, and with the
     finest steps that ended at fifteen times the cost of a fit from the guess.
     """
-    for values, substeps in ((start, task.substeps(start)), (task.guess, task.substeps(task.guess)), (start, task.finest)):
-        problem = task.problem(values, substeps)
+    for values, finest in ((start, False), (task.guess, False), (start, True)):
+        problem = task.problem(values, task.finest if finest else task.substeps(values))
         X = problem.join(inside(problem, values), task.nodes(dict(values), problem.samples))
         if np.isfinite(problem.evaluate_values(X)[1]):
             break

@@ -321,7 +321,7 @@ def diagnosis_verdict(diagnosis: Diagnosis, patm: float = ATMOSPHERE) -> Section
         words, kind = f"{NOT_SHOWN.capitalize()}.", "warning"
     groups = diagnosis.choices or (diagnosis.effects,)
     words = words.replace("NAMES", "; nor ".join(", ".join(group) for group in groups))
-    if diagnosis.beside:
+    if diagnosis.choices and diagnosis.beside:
         words += f" Missing whichever it is: {', '.join(diagnosis.beside)}."
     parts: list[Part] = [Paragraph(words, "good" if kind == "good" else "warning")]
     if diagnosis.verdict == "unknown" and diagnosis.effects:

@@ -111,8 +111,9 @@ class Diagnosis:
     @property
     def choices(self) -> tuple[tuple[str, ...], ...]:
         """Groups of effects that these data do not tell apart, of each of which one is missing."""
-        rivals = tuple(name for name in self.effects if name not in self.beside)
-        return self.one_of or ((rivals,) if self.verdict == "ambiguous" else ())
+        if self.verdict != "ambiguous":
+            return ()
+        return self.one_of or (tuple(name for name in self.effects if name not in self.beside),)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of diagnosis.json."""

@@ -256,7 +256,7 @@ class Walk(Ascent):
             self._record(score, trial, keep=False)
         if found.taking is None:
             if rivals:
-                self.say(f"{', '.join(rivals)} explains as well in the place of {name}")
+                self.say(f"as good in the place of {name}: {', '.join(rivals)}")
                 self.ambiguous[name] = tuple(dict.fromkeys((*self.ambiguous.get(name, ()), *rivals)))
             return name
         score, trial = found.taking

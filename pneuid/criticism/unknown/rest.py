@@ -77,7 +77,7 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
         ):
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
             found = replace(
-                diagnosis, verdict="unknown", effects=(), unknown=_unknown(alone),
+                diagnosis, verdict="unknown", effects=(), beside=(), unknown=_unknown(alone),
                 sentences=(*diagnosis.sentences, words, *_said(alone)),
             )  # fmt: skip
             return replace(verdict, diagnosis=found, best=verdict.base)
