@@ -72,7 +72,8 @@ SMALL = 0.5
 OVERTAKES, STEPS = 1.2, 2
 """Times the leading prediction that a step of a typical size must promise for its effect to be refitted from there although it
 promises little at zero, and how many at most: a silencer is not felt while the edge before it stays choked. On twenty rigs two
-silencers promised 1.47 and 1.54 times as much, a cushion, hidden as well, 2.3 times; nothing else promised more than the leader."""
+silencers promised 1.47 and 1.54 times as much, a cushion, hidden as well, 2.3 times; nothing else promised more than the
+leader."""
 
 
 def refitted(
