@@ -15,6 +15,7 @@ import numpy as np
 
 from controllers.control_model import EFFECTS, ControlModel
 from pneuid.compiled import compile_functions
+from pneuid.step import relaxed
 
 HALVINGS = 18
 """Bisections: the range of the command (20 V) down to 0.08 mV, below any converter's step."""
@@ -22,13 +23,24 @@ HALVINGS = 18
 
 def led_force_rate(model: ControlModel, s: Any, u: Any, psup: Any, lead: Any, theta: Any) -> Any:
     """Rate of the pressure force in N/s under ``u`` [V], effect states carried ``lead`` seconds ahead."""
-    if model.states > EFFECTS:
-        stages = model.plant.evaluate(s, [u, psup], theta)
-        later = [s[:EFFECTS]]
-        for i, (source, decay) in enumerate(stages.relaxing[1:]):
-            later.append(s[EFFECTS + i] + (source / decay - s[EFFECTS + i]) * (1.0 - ca.exp(-decay * lead)))
-        s = ca.vertcat(*later)
-    return model.instant(s, u, psup, theta).force_rate
+    return model.instant(led(model, s, u, psup, lead, theta), u, psup, theta).force_rate
+
+
+def led(model: ControlModel, s: Any, u: Any, psup: Any, lead: Any, theta: Any) -> Any:
+    """Plant state ``s`` with its effect states carried ``lead`` seconds ahead under ``u`` [V], the others as they are.
+
+    By way of the middle of the lead: one effect state may follow another that follows the command.
+    """
+    if model.states == EFFECTS:
+        return s
+    middle = _carried(model, s, s, u, psup, 0.5 * lead, theta)
+    return _carried(model, s, middle, u, psup, lead, theta)
+
+
+def _carried(model: ControlModel, s: Any, at: Any, u: Any, psup: Any, lead: Any, theta: Any) -> Any:
+    stages = model.plant.evaluate(at, [u, psup], theta)
+    pairs = enumerate(stages.relaxing[1:], start=EFFECTS)
+    return ca.vertcat(s[:EFFECTS], *(relaxed(s[i], source, decay, lead) for i, (source, decay) in pairs))
 
 
 def command_for(model: ControlModel, wanted: Any, s: Any, psup: Any, lead: Any, theta: Any) -> Any:

@@ -20,7 +20,7 @@ from controllers import loop
 from controllers.base import Controller
 from controllers.cascade import CascadeGains
 from controllers.control_model import ControlModel
-from controllers.inverse_valve import led_force_rate
+from controllers.inverse_valve import led
 from controllers.model_plant import ModelPlant
 from controllers.mpc import MpcGains
 from controllers.pid import PidGains
@@ -75,6 +75,9 @@ TYPICAL_ERROR = 1e-3
 FOLLOWED = 0.05
 """Seconds after which a spool or a tube has followed the command, and a wall has hardly warmed."""
 
+FOLLOWING = 100
+"""Steps in which it is followed: half a millisecond each, short against a lag that limits a bandwidth."""
+
 SAMPLES_PER_RADIAN = 12.0
 """Samples per radian of the cascade's bandwidth: leaves its force loop, 3 times faster, half a radian of delay."""
 
@@ -85,25 +88,30 @@ lag. At 0.76 a loop behind a spool that lags by 10 ms, and slews half its full s
 
 def authority(model: ControlModel, supply: float) -> Authority:
     """Linearise the model at rest at mid-stroke under ``supply`` [Pa, absolute]."""
-    s, u, theta = ca.SX.sym("s", model.states), ca.SX.sym("u"), model.theta_symbol()
-    psup = ca.SX.sym("psup")
-    lead = ca.SX.sym("lead")
-    rate = ca.Function("rate", [s, u, psup, lead, theta], [led_force_rate(model, s, u, psup, lead, theta)])
+    s, u, psup, theta = ca.SX.sym("s", model.states), ca.SX.sym("u"), ca.SX.sym("psup"), model.theta_symbol()
+    given = [s, u, psup, theta]
+    rate = ca.Function("rate", given, [model.instant(s, u, psup, theta).force_rate])
+    follow = ca.Function("follow", given, [led(model, s, u, psup, FOLLOWED / FOLLOWING, theta)])
     patm, full = model.value("patm"), model.value("full_scale")
     level = patm + 0.6 * (supply - patm)
     rest = model.rest(0.5 * model.value("stroke"), level, level)
 
-    def at(share: float, speed: float = 0.0, after: float = FOLLOWED) -> float:
-        moving = rest.copy()
-        moving[1] = speed
-        return float(rate(moving, model.neutral + share * full, supply, after, model.theta))
+    def rates(share: float, speed: float = 0.0) -> np.ndarray:
+        """Rates from the instant of the command on, until it has been followed."""
+        state, found = rest.copy(), []
+        state[1] = speed
+        command = (model.neutral + share * full, supply, model.theta)
+        for _ in range(FOLLOWING + 1):
+            found.append(float(rate(state, *command)))
+            state = np.array(follow(state, *command)).ravel()
+        return np.array(found)
 
-    after = np.linspace(0.0, FOLLOWED, 51)
-    swing = np.array([at(REACH, after=float(t)) - at(-REACH, after=float(t)) for t in after])
+    after = np.linspace(0.0, FOLLOWED, FOLLOWING + 1)
+    swing = rates(REACH) - rates(-REACH)
     return Authority(
         gain=float(swing[-1]) / (2.0 * REACH * full),
-        fastest=min(at(1.0), -at(-1.0)),
-        stiffness=at(0.0, -0.5) - at(0.0, 0.5),
+        fastest=min(rates(1.0)[-1], -rates(-1.0)[-1]),
+        stiffness=rates(0.0, -0.5)[-1] - rates(0.0, 0.5)[-1],
         delay=float(np.trapezoid(np.maximum(1.0 - swing / swing[-1], 0.0), after)),
     )
 

@@ -26,13 +26,17 @@ def _filling(plant, values, count=240):
 
 
 @pytest.mark.parametrize("name", ["p1", "p2"])
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5])
 @pytest.mark.parametrize("tau", [5e-4, 4e-3, 0.02])
-def test_a_lagging_pressure_is_the_pressure_behind_a_first_order_filter(name, tau):
+def test_a_lagging_pressure_is_the_pressure_behind_two_lags_in_a_row(name, tau, share):
     plant = plant_with(f"sensor_lag_{name}")
-    t, states, shown = _filling(plant, {f"tau_{name}": tau})
+    t, states, shown = _filling(plant, {f"tau_{name}": tau, f"order_{name}": share})
     p = states[plant.states.index(name)]
     T = np.hypot(tau, 1e-3)
-    _, expected, _ = lsim(([T - tau, 1.0], [T, 1.0]), p - p[0], t)
+    expected = p - p[0]
+    for delay in (tau * (1.0 - share), tau * share):
+        constant = np.hypot(delay, 1e-3)
+        _, expected, _ = lsim(([constant - delay, 1.0], [constant, 1.0]), expected, t)
     moved = np.ptp(p)
     # from a rate of zero instead of the first rate: forgotten after a few time constants
     late = t > 6 * T

@@ -72,10 +72,19 @@ def test_without_a_lap_its_shapes_mean_nothing(skew, edge, u):
 
 def test_the_spool_answers_a_step_by_the_exponential_of_its_time_constant():
     tau, shortest = 8e-3, 1e-3
-    t, found = _opening(plant_with("valve_lag"), {"tau_valve": tau}, lambda _: 0.4, 0.05)
+    t, found = _opening(plant_with("valve_lag"), {"tau_valve": tau, "order_valve": 0.0}, lambda _: 0.4, 0.05)
     T = np.hypot(tau, shortest)
     np.testing.assert_allclose(found, 0.4 * (1 - tau / T * np.exp(-t / T)), rtol=1e-9, atol=1e-12)
     assert found[np.searchsorted(t, tau)] / 0.4 == pytest.approx(1 - np.exp(-1), abs=0.01)
+
+
+def test_a_spool_of_second_order_sets_out_gently_and_is_later_by_no_more():
+    tau = 40e-3
+    t, found = _opening(plant_with("valve_lag"), {"tau_valve": tau, "order_valve": 0.5}, lambda _: 0.4, 0.3)
+    T = 0.5 * tau
+    # two equal lags; what the shortest lag adds is of the size (1 ms / 20 ms)^2
+    np.testing.assert_allclose(found, 0.4 * (1 - (1 + t / T) * np.exp(-t / T)), atol=0.4 * 4e-3)
+    assert found[np.searchsorted(t, 1e-3)] < 0.01 * 0.4
 
 
 @pytest.mark.parametrize("tau", [2e-4, 3e-3, 0.03])

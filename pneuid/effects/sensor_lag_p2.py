@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
-from pneuid.physics.lag import vanishing_lag
+from pneuid.physics.lag import Stage, behind_two_lags
 from pneuid.rig import Rig
 
-_SOURCE = "Doebelin, Measurement Systems (McGraw-Hill 2003), chapter 6 (pressure transducer behind a tube, first order)"
+_SOURCE = (
+    "Doebelin, Measurement Systems (McGraw-Hill 2003), section 3.3 (instruments of first and second order) and chapter 6 "
+    "(pressure transducer behind a tube)"
+)
 
 _SHORTEST = 1.0e-3
 """Time constant in s with which the lag is screened; below it the lag keeps its delay alone."""
 
 
 class SensorLagP2(Effect):
-    """The sensor shows ``p2 - tau r``, ``r`` the rate of ``p2`` filtered with ``tau``: ``p2`` behind a first-order lag."""
+    """The sensor shows ``p2`` behind two lags in a row of mean delay ``tau``, of which the second has the share ``h``."""
 
     name = "sensor_lag_p2"
     mechanism = "a thin tube or a filter between chamber 2 and its sensor makes the pressure shown lag"
@@ -23,16 +26,27 @@ class SensorLagP2(Effect):
     experiment = "fast steps that fill and empty the chamber at full flow"
     confused_with = ("channel_skew", "line_delay", "valve_lag")
     rigs = ("servo",)
-    states = (State("rate_p2", "Pa/s", 0.0, 5e5, 2e5),)
+    states = (State("rate_p2", "Pa/s", 0.0, 5e5, 2e5), State("rate_p2_shown", "Pa/s", 0.0, 5e5, 2e5))
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Time constant of tube and sensor; milliseconds are usual."""
-        return (Parameter("tau_p2", "τ_p2", "s", 0.0, 0.2, 0.0, 2e-3, _SOURCE, off=0.0),)
+        """Mean delay of tube and sensor, milliseconds are usual, and the share of the second lag.
+
+        It is 0 for a tube of first order, 0.5 for a filter of second order with equal roots.
+        """
+        return (
+            Parameter("tau_p2", "τ_p2", "s", 0.0, 0.2, 0.0, 2e-3, _SOURCE, off=0.0),
+            Parameter("order_p2", "h_p2", "1", 0.0, 0.5, 0.2, 0.1, _SOURCE, prior=0.2),
+        )
 
     def sensor(self, signal: str, value: Expression, scope: Scope) -> Expression:
-        """Hold back what the pressure gained within the time constant."""
-        return value - scope.p.tau_p2 * scope.state.rate_p2 if signal == "p2" else value
+        """Hold back what the pressure gained within the delay."""
+        return self._behind(value, scope)[0] if signal == "p2" else value
 
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
-        """The filtered rate follows the rate of the pressure."""
-        return {"rate_p2": (scope.p2_rate, vanishing_lag(scope.p.tau_p2, _SHORTEST)[1])}
+        """The filtered rates follow that of the pressure and that of what the first lag shows."""
+        return dict(zip(("rate_p2", "rate_p2_shown"), self._behind(scope.p2, scope)[1], strict=True))
+
+    @staticmethod
+    def _behind(pressure: Expression, scope: Scope) -> tuple[Expression, tuple[Stage, Stage]]:
+        p, rates = scope.p, (scope.state.rate_p2, scope.state.rate_p2_shown)
+        return behind_two_lags(pressure, scope.p2_rate, rates, p.tau_p2, p.order_p2, _SHORTEST)

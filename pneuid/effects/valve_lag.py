@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
-from pneuid.physics.lag import vanishing_lag
+from pneuid.physics.lag import Stage, two_lags
 from pneuid.rig import Rig
 
-_SOURCE = "Beater, Pneumatic Drives (Springer 2007), chapter 5 (proportional valve as a first-order lag)"
+_SOURCE = "Beater, Pneumatic Drives (Springer 2007), chapter 5 (proportional valve as a lag of first or second order)"
 
 _SHORTEST = 1.0e-3
 """Time constant in s with which the lag is screened; below it the lag keeps its delay alone."""
 
 
 class ValveLag(Effect):
-    """The opening follows the command by a first-order lag of mean delay ``tau``."""
+    """The opening follows the command behind two lags in a row of mean delay ``tau``; the second has the share ``h`` of it."""
 
     name = "valve_lag"
     mechanism = "the spool's mass, spring and drive let it follow the command late"
@@ -23,17 +23,27 @@ class ValveLag(Effect):
     experiment = "steps and fast sines of the command"
     confused_with = ("line_delay", "channel_skew", "sensor_lag_p1", "sensor_lag_p2")
     rigs = ("servo",)
-    states = (State("spool", "1", 0.0, 0.5, 0.01),)
+    states = (State("spool_drive", "1", 0.0, 0.5, 0.01), State("spool", "1", 0.0, 0.5, 0.01))
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Time constant of the spool; 2 to 10 ms for proportional valves of this size."""
-        return (Parameter("tau_valve", "τ_v", "s", 0.0, 0.2, 0.0, 3e-3, _SOURCE, off=0.0),)
+        """Mean delay of the spool, 2 to 10 ms for proportional valves of this size, and the share of the second lag.
+
+        It is 0 for a lag of first order, 0.5 for one of second order with equal roots, as a well damped spool is.
+        """
+        return (
+            Parameter("tau_valve", "τ_v", "s", 0.0, 0.2, 0.0, 3e-3, _SOURCE, off=0.0),
+            Parameter("order_valve", "h_v", "1", 0.0, 0.5, 0.2, 0.1, _SOURCE, prior=0.2),
+        )
 
     def valve(self, opening: Expression, scope: Scope) -> Expression:
         """Replace the command by the spool that follows it."""
-        weight, _ = vanishing_lag(scope.p.tau_valve, _SHORTEST)
-        return opening - weight * (opening - scope.state.spool)
+        return self._followed(opening, scope)[0]
 
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
-        """The spool follows the command."""
-        return {"spool": (scope.opening, vanishing_lag(scope.p.tau_valve, _SHORTEST)[1])}
+        """The drive follows the command, the spool the drive."""
+        return dict(zip(("spool_drive", "spool"), self._followed(scope.opening, scope)[1], strict=True))
+
+    @staticmethod
+    def _followed(opening: Expression, scope: Scope) -> tuple[Expression, tuple[Stage, Stage]]:
+        p, state = scope.p, scope.state
+        return two_lags(opening, (state.spool_drive, state.spool), p.tau_valve, p.order_valve, _SHORTEST)

@@ -34,3 +34,18 @@ def two_lags(
     second, T2 = vanishing_lag(delay * share, shortest)
     between = value - first * (value - followed[0])
     return between - second * (between - followed[1]), ((value, T1), (between, T2))
+
+
+def behind_two_lags(
+    value: Expression, value_rate: Expression, rates: tuple[Expression, Expression], delay: Expression, share: Expression,
+    shortest: float,
+) -> tuple[Expression, tuple[Stage, Stage]]:
+    """`two_lags` by the filtered ``rates`` (1/s) of ``value`` and of what the first lag shows, which are zero at rest.
+
+    Returned: what comes out, and what each rate follows.
+    """  # fmt: skip
+    first, second = delay * (1.0 - share), delay * share
+    weight, T1 = vanishing_lag(first, shortest)
+    between_rate = value_rate - weight * (value_rate - rates[0])
+    shown = value - first * rates[0] - second * rates[1]
+    return shown, ((value_rate, T1), (between_rate, vanishing_lag(second, shortest)[1]))
