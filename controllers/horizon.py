@@ -17,7 +17,7 @@ import numpy as np
 from controllers.control_model import EFFECTS, ControlModel
 from pneuid.compiled import compile_functions
 from pneuid.plant import Stages
-from pneuid.step import relaxed
+from pneuid.step import relaxed, relaxed_evenly
 
 
 @dataclass(frozen=True)
@@ -58,17 +58,25 @@ def _advanced(start: ca.SX, at: Stages, h: float) -> ca.SX:
     return ca.vertcat(*moved)
 
 
-def _mean(of: list[Stages]) -> Stages:
-    """Rates of a step by the weights of the classical Runge-Kutta rule."""
+def _concluded(start: ca.SX, of: list[Stages], h: float) -> ca.SX:
+    """State without the bristle after ``h`` seconds by the rates of the four stages of the classical Runge-Kutta rule.
+
+    An effect state relaxes by their means; a plain lag, whose rates do not turn on its state, by a source that changes evenly
+    from the first to the last: it may follow another effect state that is as fast.
+    """
 
     def mean(values: tuple[Any, ...]) -> Any:
         return (values[0] + 2.0 * values[1] + 2.0 * values[2] + values[3]) / 6.0
 
-    pairs = zip(*(at.relaxing for at in of), strict=True)
-    return Stages(
-        explicit=[mean(values) for values in zip(*(at.explicit for at in of), strict=True)],
-        relaxing=[(mean(sources), mean(decays)) for sources, decays in (zip(*pair, strict=True) for pair in pairs)],
-    )
+    rates = zip(*(at.explicit for at in of), strict=True)
+    moved = [start[i] + h * mean(values) for i, values in enumerate(rates)]
+    for i, pairs in enumerate(zip(*(at.relaxing[1:] for at in of), strict=True), start=4):
+        sources, decays = zip(*pairs, strict=True)
+        if ca.depends_on(ca.vertcat(*pairs[0]), ca.vertcat(*ca.symvar(start[i]))):
+            moved.append(relaxed(start[i], mean(sources), mean(decays), h))
+        else:
+            moved.append(relaxed_evenly(start[i], sources[0], sources[-1], mean(decays), h))
+    return ca.vertcat(*moved)
 
 
 def _dynamics(model: ControlModel, N: int, interval: float) -> ca.Function:
@@ -97,7 +105,7 @@ def stage_function(model: ControlModel, interval: float) -> ca.Function:
     k2 = rates(_advanced(core, k1, 0.5 * h))
     k3 = rates(_advanced(core, k2, 0.5 * h))
     k4 = rates(_advanced(core, k3, h))
-    after = ca.vertcat(_advanced(core, _mean([k1, k2, k3, k4]), h) / size, s[nx - 1] + du)
+    after = ca.vertcat(_concluded(core, [k1, k2, k3, k4], h) / size, s[nx - 1] + du)
     outputs = [after, ca.densify(ca.jacobian(after, s)), ca.densify(ca.jacobian(after, du))]
     return ca.Function("controllers_stage", [s, du, force, psup, theta], ca.cse(outputs))
 

@@ -247,7 +247,8 @@ def test_only_a_slow_valve_lowers_the_cascade_s_bandwidth():
 @pytest.mark.parametrize(("lag", "most"), [(5e-3, 0.1e-3), (10e-3, 0.25e-3)])
 def test_the_servo_follows_through_a_lag_it_knows(lag, most):
     """On a rig whose spool lags and slews no faster than half its full scale per lag."""
-    servo = CONTROLLERS["servo"].build(model_with(["valve_lag"], tau_valve=lag), Design(SUPPLY))
+    known = model_with(["valve_lag"], tau_valve=lag, order_valve=0.0, slew_valve=0.5)
+    servo = CONTROLLERS["servo"].build(known, Design(SUPPLY))
     plant = ServoPlant(TRUTH, Hidden(valve_lag=lag))
     track = Sine("sine", 0.25, 2.0, 0.05, 1.0, 0.5)
     found = loop.metrics(loop.run(servo, plant, track, SUPPLY, seed=1))

@@ -265,12 +265,27 @@ def in_series(s: float, p: float, r: float, b: float, patm: float) -> float:
 
 @given(st.floats(0.05, 1.0), st.floats(1.3e5, 9e5), st.floats(0.05, 3.0), st.sampled_from([-1.0, 1.0]))
 def test_behind_a_silencer_the_exhaust_edge_meets_the_pressure_that_builds_up(s, p, r, side):
-    point = {"u": 10.0 * side * s, "p2" if side > 0 else "p1": p}
-    with_it, without = at(plant_with("exhaust_restriction"), point, {"r_exhaust": r}), at(plant_with(), point)
+    point, plant = {"u": 10.0 * side * s, "p2" if side > 0 else "p1": p}, plant_with("exhaust_restriction")
+    source, decay = at(plant, point, {"r_exhaust": r}).relaxing[1]
+    filled = {**point, "back_pressure": float(source) / float(decay)}
+    with_it, without = at(plant, filled, {"r_exhaust": r}), at(plant_with(), point)
     filling, venting = ("mdot1", "mdot2") if side > 0 else ("mdot2", "mdot1")
     assert float(getattr(with_it, filling)) == pytest.approx(float(getattr(without, filling)), rel=1e-9)
     share = float(getattr(with_it, venting)) / float(getattr(without, venting))
     assert share == pytest.approx(in_series(s, p, r, rig().critical_ratio, rig().patm), rel=0.08)
+
+
+def test_a_silencer_of_some_volume_builds_its_pressure_up_within_its_time_constant():
+    tau, values = 20e-3, {"r_exhaust": 1.0, "tau_exhaust": 20e-3}
+    plant, point = plant_with("exhaust_restriction"), {"u": 5.0, "p2": 4e5}
+    bare = float(at(plant_with(), point).mdot2)
+    source, decay = map(float, at(plant, point, values).relaxing[1])
+    assert 1.0 / decay == pytest.approx(tau, rel=0.01)
+    aim = source / decay
+    shares = [float(at(plant, {**point, "back_pressure": part * aim}, values).mdot2) / bare for part in (0.0, 0.5, 1.0)]
+    # an empty silencer takes what the edge lets through, but for the little that the shortest lag passes at once
+    assert shares[0] > 0.99 and shares[0] > shares[1] > shares[2]
+    assert shares[2] == pytest.approx(in_series(0.5, 4e5, 1.0, rig().critical_ratio, rig().patm), rel=0.08)
 
 
 @pytest.mark.parametrize("u", [0.5, -0.5])
@@ -297,6 +312,13 @@ def test_null_leakage_feeds_and_vents_both_chambers_at_null_and_fades_with_the_o
         extra = [getattr(edges, n) - getattr(plain, n) for n in ("supply_1", "supply_2", "exhaust_1", "exhaust_2")]
         open_edge, covered = (0.01 / (1 + (s / width) ** 2) for width in (0.05, 0.1))
         np.testing.assert_allclose([float(item) for item in extra], [open_edge, covered, covered, open_edge], rtol=1e-3)
+
+
+def test_the_edges_of_the_supply_may_leak_more_than_those_of_the_exhaust():
+    plant, bare = plant_with("valve_null_leakage"), plant_with()
+    edges, plain = at(plant, values={"null_leak": 0.01, "null_skew": 0.4}).edges, at(bare).edges
+    extra = [float(getattr(edges, n) - getattr(plain, n)) for n in ("supply_1", "supply_2", "exhaust_1", "exhaust_2")]
+    np.testing.assert_allclose(extra, [0.014, 0.014, 0.006, 0.006], rtol=1e-6)
 
 
 @given(st.floats(0.05, 0.7), st.floats(1.1e5, 6.9e5), st.floats(1.1e5, 6.9e5), st.floats(-10.0, 10.0))

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from operating import at, followed, plant_with
 
-PLAY = {"play": 0.02}
+PLAY = {"play": 0.02, "play_spread": 0.0}
+PROMPT = 50.0  # full scales a spool has to be behind to move at its fastest: never
 
 
 def _opening(plant, values, command, seconds, h=2e-4):
@@ -72,19 +73,33 @@ def test_without_a_lap_its_shapes_mean_nothing(skew, edge, u):
 
 def test_the_spool_answers_a_step_by_the_exponential_of_its_time_constant():
     tau, shortest = 8e-3, 1e-3
-    t, found = _opening(plant_with("valve_lag"), {"tau_valve": tau, "order_valve": 0.0}, lambda _: 0.4, 0.05)
+    own = {"tau_valve": tau, "order_valve": 0.0, "slew_valve": PROMPT}
+    t, found = _opening(plant_with("valve_lag"), own, lambda _: 0.4, 0.05)
     T = np.hypot(tau, shortest)
-    np.testing.assert_allclose(found, 0.4 * (1 - tau / T * np.exp(-t / T)), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found, 0.4 * (1 - tau / T * np.exp(-t / T)), rtol=1e-4, atol=1e-12)
     assert found[np.searchsorted(t, tau)] / 0.4 == pytest.approx(1 - np.exp(-1), abs=0.01)
 
 
 def test_a_spool_of_second_order_sets_out_gently_and_is_later_by_no_more():
     tau = 40e-3
-    t, found = _opening(plant_with("valve_lag"), {"tau_valve": tau, "order_valve": 0.5}, lambda _: 0.4, 0.3)
+    own = {"tau_valve": tau, "order_valve": 0.5, "slew_valve": PROMPT}
+    t, found = _opening(plant_with("valve_lag"), own, lambda _: 0.4, 0.3)
     T = 0.5 * tau
     # two equal lags; what the shortest lag adds is of the size (1 ms / 20 ms)^2
     np.testing.assert_allclose(found, 0.4 * (1 - (1 + t / T) * np.exp(-t / T)), atol=0.4 * 4e-3)
     assert found[np.searchsorted(t, 1e-3)] < 0.01 * 0.4
+
+
+@pytest.mark.parametrize("command", [-0.9, 0.5])
+def test_far_behind_a_spool_moves_at_its_fastest_and_near_by_as_if_it_had_no_limit(command):
+    tau, slew = 40e-3, 0.05
+    plant = plant_with("valve_lag")
+    t, found = _opening(plant, {"tau_valve": tau, "order_valve": 0.0, "slew_valve": slew}, lambda _: command, 0.6)
+    rate = np.gradient(found, t)
+    far = (np.abs(command - found) > 4.0 * slew) & (t > 4e-3)
+    np.testing.assert_allclose(rate[far], np.sign(command) * slew / tau, rtol=0.05)
+    near = (np.abs(command - found) < 0.2 * slew) & (np.abs(command - found) > 0.01 * slew)
+    np.testing.assert_allclose(rate[near], (command - found)[near] / tau, rtol=0.05)
 
 
 @pytest.mark.parametrize("tau", [2e-4, 3e-3, 0.03])
@@ -110,14 +125,20 @@ def _ideal_play(command: np.ndarray, half_width: float) -> np.ndarray:
     return found
 
 
+def _held(place: float) -> dict[str, float]:
+    return {"spool_play_narrow": place, "spool_play_wide": place}
+
+
 def _triangle(size: float, period: float):
     return lambda now: size * (2 / np.pi) * float(np.arcsin(np.sin(2 * np.pi * now / period)))
 
 
-def test_the_opening_follows_an_ideal_play_operator():
+@pytest.mark.parametrize("spread", [0.0, 0.3, 0.8])
+def test_the_opening_follows_the_mean_of_two_ideal_play_operators(spread):
     command = _triangle(0.1, 1.0)
-    t, found = _opening(plant_with("valve_hysteresis"), PLAY, command, 2.5, 5e-4)
-    ideal = _ideal_play(np.array([command(float(now)) for now in t]), 0.02)
+    t, found = _opening(plant_with("valve_hysteresis"), {"play": 0.02, "play_spread": spread}, command, 2.5, 5e-4)
+    commanded = np.array([command(float(now)) for now in t])
+    ideal = 0.5 * sum(_ideal_play(commanded, 0.02 * (1.0 + way * spread)) for way in (-1.0, 1.0))
     # the shortest play that is followed (0.005), the rounding of the catch and its millisecond
     assert np.abs(found - ideal).max() < 0.1 * 0.02
     width = np.interp(0.0, *_branch(found, t, command, 1.0)) - np.interp(0.0, *_branch(found, t, command, -1.0))
@@ -143,14 +164,15 @@ def test_the_loop_does_not_depend_on_the_rate():
 def test_at_rest_nothing_drifts_and_jitter_within_the_play_passes_nothing():
     plant = plant_with("valve_hysteresis")
     for inside in (-0.019, 0.0, 0.013, 0.02):
-        source, decay = at(plant, {"u": 1.0, "spool_play": 0.1 + inside}, PLAY).relaxing[1]
+        source, decay = at(plant, {"u": 1.0, **_held(0.1 + inside)}, PLAY).relaxing[1]
         assert float(source) - float(decay) * (0.1 + inside) == pytest.approx(0.0, abs=1e-12)
-    seen = [float(at(plant, {"u": 10 * s, "spool_play": 0.1}, PLAY).opening) for s in np.linspace(0.085, 0.115, 7)]
+    seen = [float(at(plant, {"u": 10 * s, **_held(0.1)}, PLAY).opening) for s in np.linspace(0.085, 0.115, 7)]
     # what is left of the jitter is the ratio of the amplitude to the play that is followed
     assert np.ptp(seen) < 0.031 * 0.03
 
 
-@given(st.floats(0.0, 0.3), st.floats(-1.2, 1.2), st.floats(-1.2, 1.2))
-def test_the_spool_is_never_further_from_the_command_than_the_play(play, s, y):
-    opening = float(at(plant_with("valve_hysteresis"), {"u": 10 * s, "spool_play": y}, {"play": play}).opening)
+@given(st.floats(0.0, 0.3), st.floats(0.0, 0.9), st.floats(-1.2, 1.2), st.floats(-1.2, 1.2))
+def test_the_spool_is_never_further_from_the_command_than_the_play(play, spread, s, y):
+    values = {"play": play, "play_spread": spread}
+    opening = float(at(plant_with("valve_hysteresis"), {"u": 10 * s, **_held(y)}, values).opening)
     assert abs(opening - s) <= 1.021 * play + 1e-12

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -62,6 +63,12 @@ def test_a_model_follows_a_small_excitation_inside_the_limits():
     assert np.abs(command.inputs["u"]).max() <= 10.0 and command.inputs["psup"] == pytest.approx(6e5 + 101325.0)
     # a model follows its own recording
     assert rival.unable(command.t, scene.inputs, own, own) < 1.0
+
+
+def test_an_excitation_under_which_the_axis_stays_where_it_is_is_not_offered():
+    gentle = next(item for item in SERVO_LIBRARY if item.name == "small steps")
+    still = replace(gentle, path=lambda t, axis: np.full(t.shape, axis.middle))
+    assert play([Rival(base_fit())], still, 1.0) is None
 
 
 def test_one_model_alone_needs_no_experiment():

@@ -38,7 +38,7 @@ FORMED = {
     "mounting_compliance": "bracket_hardens_at bracket_damping body_mass",
     "end_cushion": "cushion_ring cushion_needle",
     "valve_dead_zone": "lap_rounding lap_spread",
-    "valve_lag": "slew",
+    "valve_lag": "slew spool_return",
     "valve_hysteresis": "play_spread",
     "valve_null_leakage": "clearance_fade",
     "valve_critical_ratio": "critical_vent",

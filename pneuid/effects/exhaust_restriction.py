@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import casadi as ca
 
-from pneuid.effect import Effect, Expression, Parameter, Scope
+from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
+from pneuid.physics.lag import vanishing_lag
 from pneuid.physics.valve import Edges
 from pneuid.rig import Rig
 
@@ -17,12 +18,17 @@ _LEVEL = 1.0e-3
 """Squared share of the choked flow below which an edge's flow counts as that between nearly equal pressures."""
 
 
+_SHORTEST = 1.0e-3
+"""Time constant in s with which the back-pressure is followed; below it the lag keeps its delay alone."""
+
+
 class ExhaustRestriction(Effect):
     """Exhaust edge of opening ``s`` behind which a silencer lets a pressure ``p_b`` build up, ``r = (C / C_silencer)^2``.
 
-    ``p_b^2 = (r s^2 p^2 + patm^2) / (1 + r s^2)``, where both let flow ``C sqrt(p_up^2 - p_down^2)`` through (ISO 6358 with
-    b = 0), and once more with each one's own flow at that pressure. The edge keeps the share
-    ``psi(p_b/p) / psi(patm/p)`` of its flow: all of it while ``p_b`` leaves it choked.
+    In the long run ``p_b^2 = (r s^2 p^2 + patm^2) / (1 + r s^2)``, where both let flow ``C sqrt(p_up^2 - p_down^2)`` through
+    (ISO 6358 with b = 0), and once more with each one's own flow at that pressure; ``p_b^2`` follows with the time constant
+    ``tau`` in which the silencer's volume fills. The edge keeps the share ``psi(p_b/p) / psi(patm/p)`` of its flow: all of it
+    while ``p_b`` leaves it choked.
     """
 
     name = "exhaust_restriction"
@@ -32,31 +38,57 @@ class ExhaustRestriction(Effect):
     experiment = "large fast steps that vent either chamber from high pressure"
     confused_with = ("supply_droop", "valve_critical_ratio", "inlet_mixing")
     rigs = ("servo",)
+    states = (State("back_pressure", "1", 0.0, 10.0, 10.0),)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Squared ratio of the valve's conductance to the silencer's; 0.05 to 0.3 when clean."""
-        return (Parameter("r_exhaust", "r_e", "1", 0.0, 25.0, 0.0, 0.1, _SOURCE, off=0.0),)
+        """Squared ratio of the valve's conductance to the silencer's, 0.05 to 0.3 when clean, and the time it takes to fill."""
+        return (
+            Parameter("r_exhaust", "r_e", "1", 0.0, 25.0, 0.0, 0.1, _SOURCE, off=0.0),
+            Parameter("tau_exhaust", "τ_e", "s", 1e-4, 0.5, 2e-3, 1.0, _SOURCE, positive=True, prior=1.5),
+        )
 
     def edges(self, edges: Edges, scope: Scope) -> Edges:
         """Narrow both exhaust edges."""
-        one, two = edges.exhaust_1, edges.exhaust_2
-        return replace(edges, exhaust_1=one * _share(one, scope.p1, scope), exhaust_2=two * _share(two, scope.p2, scope))
+        weight, _ = vanishing_lag(scope.p.tau_exhaust, _SHORTEST)
+        aim = _steady(scope)
+        risen = scope.p.r_exhaust * (aim - weight * (aim - scope.state.back_pressure))
+        back = scope.rig.patm * ca.sqrt(ca.fmax(1.0 + risen, 0.25))
+        one, two = (_share(p, back, scope) for p in (scope.p1, scope.p2))
+        return replace(edges, exhaust_1=edges.exhaust_1 * one, exhaust_2=edges.exhaust_2 * two)
+
+    def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
+        """The squared back-pressure follows what the flow through the silencer needs."""
+        return {"back_pressure": (_steady(scope), vanishing_lag(scope.p.tau_exhaust, _SHORTEST)[1])}
 
 
-def _share(opening: Expression, p: Expression, scope: Scope) -> Expression:
-    """Flow of an edge from pressure ``p`` into the back-pressure, over its flow into the open."""
-    patm, b = scope.rig.patm, scope.rig.b
-    load = scope.p.r_exhaust * opening * opening
+def _steady(scope: Scope) -> Expression:
+    """``((p_b / patm)^2 - 1) / r`` in the long run; of both edges' air, as one silencer takes it."""
+    return _risen(scope.opening_2, scope.p1, scope) + _risen(scope.opening_1, scope.p2, scope)
 
-    def squared(down: Expression, up: Expression) -> Expression:
-        beyond = ca.fmax(down / up - b, 0.0) / (1.0 - b)
-        return ca.fmax(1.0 - beyond * beyond, 0.0) + _LEVEL
 
-    def between(edge: Expression, silencer: Expression) -> Expression:
-        """Pressure at which ``edge (p^2 - p_b^2)`` and ``silencer (p_b^2 - patm^2)`` are equal."""
-        return ca.sqrt((edge * p * p + silencer * patm * patm) / (edge + silencer))
+def _risen(opening: Expression, p: Expression, scope: Scope) -> Expression:
+    """``((p_b / patm)^2 - 1) / r`` where an edge and the silencer let the same flow through, finite where ``r`` is zero."""
+    patm, r = scope.rig.patm, scope.p.r_exhaust
 
-    first = between(load, 1.0)
-    edge = load * squared(first, p) / (1.0 - (first / p) ** 2 + _LEVEL)
-    silencer = squared(patm, first) / (1.0 - (patm / first) ** 2 + _LEVEL)
-    return ca.sqrt(squared(between(edge, silencer), p) / squared(patm, p))
+    def squares(edge: Expression, silencer: Expression) -> tuple[Expression, Expression]:
+        """``p_b^2`` at which ``r edge (p^2 - p_b^2)`` and ``silencer (p_b^2 - patm^2)`` are equal, and what it has risen by."""
+        risen = edge * (p * p - patm * patm) / (r * edge + silencer)
+        return patm * patm + r * risen, risen
+
+    through = opening * opening
+    first = ca.sqrt(squares(through, 1.0)[0])
+    edge = through * _squared(first, p, scope) / (1.0 - (first / p) ** 2 + _LEVEL)
+    silencer = _squared(patm, first, scope) / (1.0 - (patm / first) ** 2 + _LEVEL)
+    return squares(edge, silencer)[1] / (patm * patm)
+
+
+def _share(p: Expression, back: Expression, scope: Scope) -> Expression:
+    """Flow of an edge from pressure ``p`` into the pressure ``back``, over its flow into the open."""
+    return ca.sqrt(_squared(back, p, scope) / _squared(scope.rig.patm, p, scope))
+
+
+def _squared(down: Expression, up: Expression, scope: Scope) -> Expression:
+    """Squared share of the choked flow between two pressures."""
+    b = scope.rig.b
+    beyond = ca.fmax(down / up - b, 0.0) / (1.0 - b)
+    return ca.fmax(1.0 - beyond * beyond, 0.0) + _LEVEL

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import casadi as ca
+
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
 from pneuid.physics.lag import Stage, two_lags
@@ -9,12 +11,18 @@ from pneuid.rig import Rig
 
 _SOURCE = "Beater, Pneumatic Drives (Springer 2007), chapter 5 (proportional valve as a lag of first or second order)"
 
+_FASTEST = "Jelali, Kroll, Hydraulic Servo-systems (Springer 2003), chapter 4 (spool of limited speed)"
+
 _SHORTEST = 1.0e-3
 """Time constant in s with which the lag is screened; below it the lag keeps its delay alone."""
 
 
 class ValveLag(Effect):
-    """The opening follows the command behind two lags in a row of mean delay ``tau``; the second has the share ``h`` of it."""
+    """The opening follows the command behind two lags in a row of mean delay ``tau``; the second has the share ``h`` of it.
+
+    The first moves no faster than ``g`` full scales per time constant ``T``, what a drive's current and spring allow:
+    ``T ds/dt = e / sqrt(1 + (e/g)^2)`` with ``e`` the way it is behind.
+    """
 
     name = "valve_lag"
     mechanism = "the spool's mass, spring and drive let it follow the command late"
@@ -26,13 +34,14 @@ class ValveLag(Effect):
     states = (State("spool_drive", "1", 0.0, 0.5, 0.01), State("spool", "1", 0.0, 0.5, 0.01))
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Mean delay of the spool, 2 to 10 ms for proportional valves of this size, and the share of the second lag.
+        """Mean delay of the spool, 2 to 10 ms for valves of this size, the share of the second lag, how far behind it slews.
 
-        It is 0 for a lag of first order, 0.5 for one of second order with equal roots, as a well damped spool is.
+        The share is 0 for a lag of first order, 0.5 for one of second order with equal roots, as a well damped spool is.
         """
         return (
             Parameter("tau_valve", "τ_v", "s", 0.0, 0.2, 0.0, 3e-3, _SOURCE, off=0.0),
             Parameter("order_valve", "h_v", "1", 0.0, 0.5, 0.2, 0.1, _SOURCE, prior=0.2),
+            Parameter("slew_valve", "g", "1", 0.02, 50.0, 2.0, 1.0, _FASTEST, positive=True, prior=1.0),
         )
 
     def valve(self, opening: Expression, scope: Scope) -> Expression:
@@ -41,7 +50,9 @@ class ValveLag(Effect):
 
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
         """The drive follows the command, the spool the drive."""
-        return dict(zip(("spool_drive", "spool"), self._followed(scope.opening, scope)[1], strict=True))
+        (drive, T1), spool = self._followed(scope.opening, scope)[1]
+        behind = (drive - scope.state.spool_drive) / scope.p.slew_valve
+        return {"spool_drive": (drive, T1 * ca.sqrt(1.0 + behind * behind)), "spool": spool}
 
     @staticmethod
     def _followed(opening: Expression, scope: Scope) -> tuple[Expression, tuple[Stage, Stage]]:

@@ -15,7 +15,7 @@ class ValveNullLeakage(Effect):
 
     ``c`` is how far the spool covers it, the opening of the other side. The clearance of an open edge, ``sqrt(o^2 + l^2)``
     beside ``o``, is soon lost in the opening itself; the gap under a land that covers its port only becomes longer, so ``k``
-    exceeds ``w``.
+    exceeds ``w``. The edges of the supply have ``1 + a`` times that, those of the exhaust ``1 - a`` times.
     """
 
     name = "valve_null_leakage"
@@ -27,11 +27,12 @@ class ValveNullLeakage(Effect):
     rigs = ("servo",)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Opening at null, half a percent to a few percent, and the opening and the cover at which half of it is left."""
+        """Opening at null, half a percent to a few, the opening and cover at which half is left, how the edges differ."""
         return (
             Parameter("null_leak", "l_n", "1", 0.0, 0.3, 0.0, 5e-3, _SOURCE, off=0.0),
             Parameter("null_width", "w_n", "1", 5e-3, 1.0, 0.05, 1.0, _SOURCE, positive=True, prior=1.0),
             Parameter("null_cover", "k_n", "1", 5e-3, 1.0, 0.05, 1.0, _SOURCE, positive=True, prior=1.0),
+            Parameter("null_skew", "a_n", "1", -0.9, 0.9, 0.0, 0.2, _SOURCE, prior=0.3),
         )
 
     def edges(self, edges: Edges, scope: Scope) -> Edges:
@@ -41,4 +42,7 @@ class ValveNullLeakage(Effect):
             p.null_leak / ((1.0 + (own / p.null_width) ** 2) * (1.0 + (other / p.null_cover) ** 2))
             for own, other in (opened, opened[::-1])
         )
-        return Edges(edges.supply_1 + one, edges.supply_2 + two, edges.exhaust_1 + two, edges.exhaust_2 + one)
+        more, less = 1.0 + p.null_skew, 1.0 - p.null_skew
+        return Edges(
+            edges.supply_1 + more * one, edges.supply_2 + more * two, edges.exhaust_1 + less * two, edges.exhaust_2 + less * one
+        )  # fmt: skip

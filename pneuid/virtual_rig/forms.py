@@ -46,6 +46,8 @@ class Form:
         Over which part of the overlap an edge opens (``valve_dead_zone``), and how far the four edges differ, 1 for up to 10 %.
     slew
         Full scales per time constant at which a spool with ``valve_lag`` moves at most.
+    spool_return
+        How many times as fast the spool moves with its return spring as against it (``valve_lag``).
     play_spread
         How far the widths of the three plays of ``valve_hysteresis`` differ, 0 for one play.
     clearance_fade
@@ -108,6 +110,7 @@ class Form:
     scan_x: float = _shape(1.0, 0.4, 1.0)
     scan_p1: float = _shape(2.0 / 3.0, 0.4, 1.0)
     scan_p2: float = _shape(1.0 / 3.0, 0.2, 1.0)
+    spool_return: float = _shape(1.3, 1.0, 1.7)
 
     def __post_init__(self) -> None:
         for item in fields(self):

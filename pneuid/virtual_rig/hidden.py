@@ -47,7 +47,7 @@ class Hidden:
         Valve conductance over that of the restriction between the regulator and a ``supply_tank``
         [m^3] in front of the valve; the regulator does not relieve.
     valve_lag
-        Spool time constant [s], with a slew limit of half the full scale per time constant.
+        Spool time constant [s], with a slew limit of half the full scale per time constant; its return spring helps one way.
     valve_offset
         Spool shift as a fraction of full scale.
     valve_asymmetry

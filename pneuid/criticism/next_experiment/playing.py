@@ -12,6 +12,7 @@ from pneuid.criticism.decision.diagnosis import Command
 from pneuid.criticism.next_experiment.excitations import LOWER_SUPPLY, Axis, Excitation
 from pneuid.criticism.next_experiment.rival import Played, Rival
 from pneuid.physics.gas import R_AIR, RHO_REFERENCE
+from pneuid.recording import LEAST_TRAVEL
 
 MARGIN = 0.06
 """Share of the stroke that stays free at either end, on every rival."""
@@ -105,8 +106,10 @@ def _on_servo(rivals: Sequence[Rival], excitation: Excitation, seconds: float) -
 
 
 def _within(rival: Rival, supply: np.ndarray, states: np.ndarray) -> bool:
-    """Whether a rival keeps inside stroke and pressure limits."""
+    """Whether a rival moves, and keeps inside stroke and pressure limits: behind a dead zone the axis may stay where it is."""
     rig = rival.plant.rig
+    if np.ptp(states[0]) < LEAST_TRAVEL[rig.kind]:
+        return False
     room, highest = MARGIN * rig.stroke, HIGHEST_PRESSURE * float(supply.max())
     inside = bool(np.all(np.isfinite(states)) and states[0].min() > room and states[0].max() < rig.stroke - room)
     return inside and bool(states[2:4].max() < highest and states[2:4].min() > 0.5 * rig.patm)

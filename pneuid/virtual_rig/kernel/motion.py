@@ -8,6 +8,8 @@ second order; the stiff rate ``sigma0 |v| / g`` (2e4 1/s and more) never limits 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -57,8 +59,9 @@ def gas_rates(u: float, supply: float, y: Array, par: Array, dy: Array) -> None:
     fill_1, vent_1, fill_2, vent_2 = valve_flows(spool, port_1, port_2, ps, exhaust, y, par)
     supply_and_exhaust_rates(fill_1 + fill_2, vent_1 + vent_2, ps, supply, y, par, dy)
     if par[at.H_LAG] != 0.0:
-        fastest = par[at.F_SLEW] * par[at.FULL_SCALE] / par[at.H_LAG]
+        fastest, with_spring = par[at.F_SLEW] * par[at.FULL_SCALE] / par[at.H_LAG], math.sqrt(par[at.F_SPOOL_RETURN])
         dy[at.SPOOL] = min(max((u - spool) / par[at.H_LAG], -fastest), fastest)
+        dy[at.SPOOL] *= with_spring if u < spool else 1.0 / with_spring
     if piped:
         line_rates(0, fill_1 - vent_1, y, par, dy)
         line_rates(1, fill_2 - vent_2, y, par, dy)
