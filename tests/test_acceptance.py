@@ -108,6 +108,25 @@ def test_what_stands_out_beside_another_effect_need_not_take_a_part_of_the_cost(
 
 
 @pytest.mark.parametrize(
+    ("left", "error", "usual", "taken"),
+    [
+        (535.0, 34.8, 0.18, True),  # 23 floors and 5.9
+        (535.0, 130.0, 0.18, False),  # three quarters of what is left
+        (535.0, 34.8, 0.6, False),  # but not half of that on the training runs
+        (95.0, 6.0, 0.18, False),  # a form may leave nine floors
+    ],
+)
+def test_far_off_a_lag_s_form_is_not_what_hysteresis_beside_it_mends(left, error, usual, taken, monkeypatch):
+    standing = stub(left, 47_348.0, "valve_lag")
+    standing.fit.plant.effects = (CATALOGUE["valve_lag"],)
+    first, trial = stub(14_148.0, 143_754.0), stub(error, 44_002.0, "valve_hysteresis")
+    for name in ("fits", "usually_fits"):
+        monkeypatch.setattr(JUDGE, name, lambda trial: usual if trial is not standing else 1.0)
+    found = acceptance.accepted([(score("valve_hysteresis", 3000.0), trial)], standing, first, JUDGE)
+    assert (found is not None) == taken
+
+
+@pytest.mark.parametrize(
     ("name", "error", "usual", "whole", "cost", "taken"),
     [
         ("load_spring", 12.0, 22.0, 30.0, 27_000.0, True),  # 63 % of what is left, half of it on the training runs

@@ -129,7 +129,7 @@ def _lone_bristle(v: float, h: float, z: float = 0.0) -> float:
 @pytest.mark.parametrize("h", [1e-5, 1e-3, 0.1])
 def test_at_constant_speed_one_step_of_any_length_is_exact(v, h):
     g = TRUTH["Fc"] + (TRUTH["Fs"] - TRUTH["Fc"]) * np.exp(-((v / TRUTH["vs"]) ** 2))
-    decay = TRUTH["sigma0"] * np.hypot(v, FINE.speed) / g
+    decay = TRUTH["sigma0"] * v**2 / np.hypot(v, FINE.speed) / g
     start = -2e-5
     exact = v / decay + (start - v / decay) * np.exp(-decay * h)
     assert _lone_bristle(v, h, start) == pytest.approx(exact, rel=1e-10, abs=1e-18)

@@ -38,7 +38,7 @@ class ExhaustRestriction(Effect):
     experiment = "large fast steps that vent either chamber from high pressure"
     confused_with = ("supply_droop", "valve_critical_ratio", "inlet_mixing")
     rigs = ("servo",)
-    states = (State("back_pressure", "1", 0.0, 10.0, 10.0),)
+    states = (State("back_pressure", "1", 0.0, 10.0, 5.0),)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """Squared ratio of the valve's conductance to the silencer's, 0.05 to 0.3 when clean, and the time it takes to fill."""
@@ -77,9 +77,15 @@ def _risen(opening: Expression, p: Expression, scope: Scope) -> Expression:
 
     through = opening * opening
     first = ca.sqrt(squares(through, 1.0)[0])
-    edge = through * _squared(first, p, scope) / (1.0 - (first / p) ** 2 + _LEVEL)
-    silencer = _squared(patm, first, scope) / (1.0 - (patm / first) ** 2 + _LEVEL)
+    edge, silencer = through * _over_zero_ratio(first / p, scope), _over_zero_ratio(patm / first, scope)
     return squares(edge, silencer)[1] / (patm * patm)
+
+
+def _over_zero_ratio(ratio: Expression, scope: Scope) -> Expression:
+    """Squared flow at a pressure ratio over that for a critical ratio of zero, ``1 - ratio^2``; finite where both vanish."""
+    b = scope.rig.b
+    subsonic, choked = ca.fmax(ratio, b), ca.fmin(ratio, b)
+    return (1.0 + subsonic - 2.0 * b) / (1.0 + subsonic) * (1.0 + b) / (1.0 - b) / (1.0 - choked * choked)
 
 
 def _share(p: Expression, back: Expression, scope: Scope) -> Expression:

@@ -44,6 +44,9 @@ REST, REST_SECONDS = 40, 0.05
 STRICT = 4.0
 """Standard deviations of a window's mean square above which it shows more than noise."""
 
+ROUNDED = 0.01
+"""Share of the noise to which positions are rounded before the steps of their encoder are looked for."""
+
 EDGE = 6
 """Samples whose mean tells where a rest ends."""
 
@@ -201,11 +204,12 @@ def _rests(x: Array, noise: float, step: float, speed: Speed | None = None) -> l
     if x.size < least:
         return []
     mean, square = _in_windows(x - x[0], least)
-    still = _quiet(square - mean**2, noise, least)
+    toggling = 0.5 * _code(x, noise)
+    still = (square - mean**2 < 1.01 * toggling**2) | _quiet(square - mean**2, noise, least)
     if speed is not None:
         still = still & _quiet(_in_windows(speed.v, least)[1], speed.noise, least)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
-    found, allowed = [], 3.0 * noise / np.sqrt(EDGE)
+    found, allowed = [], 3.0 * max(noise, toggling) / np.sqrt(EDGE)
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         # a window that is still starts at every sample from begin to end - 1; its tails may hold the first movement
         first, last = int(begin), int(end) - 1 + least
@@ -219,6 +223,15 @@ def _rests(x: Array, noise: float, step: float, speed: Speed | None = None) -> l
         if last - first >= EDGE:
             found.append(slice(first, last))
     return found
+
+
+def _code(x: Array, noise: float) -> float:
+    """Least difference (m) of two positions, rounding apart: the step of an encoder, and next to nothing without one.
+
+    A position at rest near the edge of a code toggles by half a step, nearly twice the noise of codes on average.
+    """
+    apart = np.diff(np.unique(np.round((x - x[0]) / (ROUNDED * noise))))
+    return float(apart.min()) * ROUNDED * noise if apart.size else 0.0
 
 
 def _in_windows(y: Array, length: int) -> tuple[Array, Array]:

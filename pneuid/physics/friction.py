@@ -82,9 +82,13 @@ def steady_bristle_force(k: Coefficients, v: Expression) -> Expression:
 def bristle_decay(
     k: Coefficients, v: Expression, speed_width: Expression, stribeck_speed: Expression = None
 ) -> Expression:
-    """``sigma0 |v| / g(v)`` in 1/s: how fast the bristle forgets; ``g`` is read at ``stribeck_speed`` where given."""
+    """``sigma0 |v| / g(v)`` in 1/s: how fast the bristle forgets; ``g`` is read at ``stribeck_speed`` where given.
+
+    Exactly zero at rest, however wide the rounding: with ``|v|`` rounded to 1 um/s a bristle held for a second would lose a
+    hundredth of its force.
+    """
     at = v if stribeck_speed is None else stribeck_speed
-    return k.sigma0 * absolute(v, speed_width) / steady_bristle_force(k, at)
+    return k.sigma0 * (v * v / absolute(v, speed_width)) / steady_bristle_force(k, at)
 
 
 def friction_force(k: Coefficients, z: Expression, z_rate: Expression, v: Expression) -> Expression:

@@ -26,7 +26,7 @@ class Smoothing:
 
 
 FINE = Smoothing(speed=1e-6, opening=1e-6, laminar=1e-3)
-COARSE = Smoothing(speed=1e-4, opening=1e-4, laminar=2e-3)
+COARSE = Smoothing(speed=3e-5, opening=1e-4, laminar=2e-3)
 
 
 def absolute(a: Expression, width: Expression) -> Expression:
