@@ -10,6 +10,7 @@ from helpers import base_fit, scores
 
 from pneuid.criticism.decision.acceptance import LEAST_DROP
 from pneuid.criticism.decision.rounds import OVERTAKES
+from pneuid.criticism.screening import jumps as screening_jumps
 from pneuid.criticism.screening.jumps import Jump, jumped
 from pneuid.criticism.screening.scores import Fitted
 from pneuid.effects import CATALOGUE
@@ -72,9 +73,12 @@ def test_a_step_of_either_sign_is_tried():
     assert there.drop == pytest.approx(back.drop, rel=1e-9) and there.start == pytest.approx(back.start)
 
 
-@pytest.mark.parametrize(("name", "reach"), [("gravity", 5.0), ("friction_lag", 1.0)])
-def test_an_effect_without_a_state_is_looked_at_at_five_typical_sizes_too(name, reach):
+@pytest.mark.parametrize(
+    ("name", "nothing", "reach"), [("gravity", 0.0, 5.0), ("friction_lag", 0.0, 1.0), ("friction_lag", 3.0, 5.0)]
+)
+def test_what_has_no_state_or_promises_nothing_is_looked_at_at_five_typical_sizes_too(name, nothing, reach, monkeypatch):
     """At a thousandth of its size what it promises still grows with the step."""
+    monkeypatch.setattr(screening_jumps, "TELLABLE", nothing)
     tiny = {key: 1e-3 * value for key, value in sizes()[name].items()}
     found = jumped(base_fit("gravity"), scores("gravity"), {name: tiny}, list(CATALOGUE))[name]
     reached = {key: abs(value) / tiny[key] for key, value in found.start.items()}

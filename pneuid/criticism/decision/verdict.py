@@ -17,7 +17,7 @@ from pneuid.criticism.comparison.defects import ACTING_ON, equation_defects, nod
 from pneuid.criticism.comparison.ladder import Rung
 from pneuid.criticism.decision.acceptance import LEAST_DROP, NEARLY_NOISE
 from pneuid.criticism.decision.diagnosis import NOTHING_MISSING, Candidate, Diagnosis, Unknown
-from pneuid.criticism.decision.leftover import DEFECT_RATIO, explained_away, explained_share, loudest
+from pneuid.criticism.decision.leftover import DEFECT_RATIO, explained_away, explained_share, leaves_more, loudest
 from pneuid.criticism.decision.rounds import Say
 from pneuid.criticism.decision.too_slow import too_slow
 from pneuid.criticism.decision.walk import MINOR, Walk
@@ -39,15 +39,6 @@ called adequate."""
 STILL_OFF = 2.0
 """Held-out error in floors from which a function is looked for beside the effects named: it shows where their form falls short,
 or that a constant is none. A weight in place of a hose that pulls by the square of a pressure left 2.3."""
-
-NEARLY_ALL, FLOORS = 0.95, 6.0
-"""Share of the excess explained below which, where the held-out error is more than that many floors, the verdict is ``unknown``
-with what was found: something else acts, or more. Of 163 right effects none was left there, though their forms differ from the
-catalogue's (0.89 and 5.4 floors, 0.96 and 6.0); of thirteen wrong ones for what the catalogue does not hold eight were."""
-
-TWO_THIRDS, FEW_FLOORS = 2.0 / 3.0, 2.5
-"""The same for less that is explained: of 123 right effects none left as much (0.78 and 3.8 floors the nearest, but for a play
-that is far off in any case); heat at the walls in place of a supply that warms up left 0.58 and 2.6 floors, 0.53 and 3.1."""
 
 SMALL_PART = 0.05
 """Share of the base model's excess below which a later effect on the balance of a weightier one may only mend that one's form:
@@ -166,9 +157,7 @@ def _verdict(walk: Walk, slow: bool = False) -> Diagnosis:
     # parameters that the training runs leave open excuse only so much
     far = not walk.by_all_runs and current.error > STILL_FAR**2
     larger = walk.partly or (removed < MINOR and (far or not adequate))
-    judged = not walk.by_all_runs and not slow
-    beside = [(NEARLY_ALL, FLOORS), (TWO_THIRDS, FEW_FLOORS)]
-    larger = larger or (judged and any(removed < share and current.error > floors**2 for share, floors in beside))
+    larger = larger or (not walk.by_all_runs and not slow and leaves_more(current, first))
     groups = _doubted(walk)
     much = removed < MOSTLY or current.error > STILL_OFF**2
     # parameters that the training runs leave open excuse neither a far error nor that much of it: a function may explain more

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pneuid.criticism.screening.scores import Batch, Fitted, Score, batches
+from pneuid.criticism.screening.scores import TELLABLE, Batch, Fitted, Score, batches
 from pneuid.effect import Effect, Parameter
 from pneuid.estimation.fit import Fit
 
 JUMPS, LEAPS = (1.0, 0.3, -0.3, -1.0), (5.0, -5.0)
-"""Shares of a typical size at which an effect is looked at that may act in jerks; and those of one without a state of its own
-besides: a silencer ten times as narrow as usual promised nothing at a typical size, where the edge before it stays choked."""
+"""Shares of a typical size at which an effect is looked at that may act in jerks; and those besides of one without a state of
+its own, or that promises nothing there: a silencer ten times as narrow as usual is not felt at a typical size, where the edge
+before it stays choked."""
 
 FURTHEST = 2.0
 """Largest multiple of a jump's change that counts."""
@@ -56,18 +57,25 @@ def _jumps(
     """The best jump of every wanted effect of one batch."""
     found = {}
     for effect in wanted:
-        size = sizes[effect.name]
-        items = [item for item in batch.amplitudes if item.name in size]
-        best = Jump(0.0, dict(size))
-        parts = JUMPS if effect.states else JUMPS + LEAPS
-        steps = [dict(size) | {item.name: _stepped(batch, item, size, part) for item in items} for part in parts]
-        for moved, nodes in zip(steps, batch.followed(steps) if effect.states else [batch.nodes] * len(steps), strict=True):
-            change = batch.change(moved, nodes)
-            if np.all(np.isfinite(change)) and np.any(change):
-                drop = _drop_along(fitted, change)
-                best = Jump(drop, moved) if drop > best.drop else best
+        best = _best_step(fitted, batch, effect, sizes[effect.name], JUMPS)
+        if not effect.states or best.drop < TELLABLE:
+            further = _best_step(fitted, batch, effect, sizes[effect.name], LEAPS)
+            best = max(best, further, key=lambda jump: jump.drop)
         found[effect.name] = best
     return found
+
+
+def _best_step(fitted: Fitted, batch: Batch, effect: Effect, size: Mapping[str, float], parts: Sequence[float]) -> Jump:
+    """The step of an effect by one of the ``parts`` of its ``size`` that promises most."""
+    items = [item for item in batch.amplitudes if item.name in size]
+    best = Jump(0.0, dict(size))
+    steps = [dict(size) | {item.name: _stepped(batch, item, size, part) for item in items} for part in parts]
+    for moved, nodes in zip(steps, batch.followed(steps) if effect.states else [batch.nodes] * len(steps), strict=True):
+        change = batch.change(moved, nodes)
+        if np.all(np.isfinite(change)) and np.any(change):
+            drop = _drop_along(fitted, change)
+            best = Jump(drop, moved) if drop > best.drop else best
+    return best
 
 
 def _stepped(batch: Batch, item: Parameter, size: Mapping[str, float], part: float) -> float:
