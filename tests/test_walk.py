@@ -58,6 +58,24 @@ def test_a_second_look_is_for_training_runs_that_the_model_cannot_follow_too(fit
     assert not walking(judge, current=current)._needs_second_looks(helps), "where nothing else helps"
 
 
+@pytest.mark.parametrize(
+    ("error", "helps", "looks"),
+    [
+        (9_900.0, False, True),  # 100 of 152 floors
+        (9_900.0, True, False),  # but a leading effect helps
+        (700.0, False, False),  # 97 % is explained: what a form leaves
+        (5.0, False, False),
+    ],
+)
+def test_beside_others_a_second_look_is_for_what_something_else_would_be_said_to_leave(error, helps, looks, monkeypatch):
+    """Beside a shifted null a silencer was not among what promised most."""
+    monkeypatch.setattr(walk, "loudest", lambda _: 9.0)
+    walked = walking(current=stub(error, 70_700.0, "valve_offset"))
+    walked.first = stub(23_000.0, 79_000.0)
+    chosen = (score("inlet_mixing", 50.0), stub(0.8 * error, 70_000.0, "inlet_mixing")) if helps else None
+    assert walked._needs_second_looks(chosen) is looks
+
+
 def test_rivals_explain_both_kinds_of_runs_alike_whatever_their_group():
     best = (score("valve_lag", 800.0), stub(1.0, 26_333.0))
     near = (score("line_delay", 790.0), stub(1.1, 26_343.0))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pneuid.criticism.screening.scores import TELLABLE, Batch, Fitted, Score, batches
+from pneuid.criticism.screening.scores import Batch, Fitted, Score, batches
 from pneuid.effect import Effect, Parameter
 from pneuid.estimation.fit import Fit
 
@@ -19,6 +19,9 @@ JUMPS, LEAPS = (1.0, 0.3, -0.3, -1.0), (5.0, -5.0)
 """Shares of a typical size at which an effect is looked at that may act in jerks; and those besides of one without a state of
 its own, or that promises nothing there: a silencer ten times as narrow as usual is not felt at a typical size, where the edge
 before it stays choked."""
+
+NOTHING = 15.0
+"""Predicted drop below which a step of a typical size shows nothing: what chance leaves, below which nothing is refitted."""
 
 FURTHEST = 2.0
 """Largest multiple of a jump's change that counts."""
@@ -58,7 +61,7 @@ def _jumps(
     found = {}
     for effect in wanted:
         best = _best_step(fitted, batch, effect, sizes[effect.name], JUMPS)
-        if not effect.states or best.drop < TELLABLE:
+        if not effect.states or best.drop < NOTHING:
             further = _best_step(fitted, batch, effect, sizes[effect.name], LEAPS)
             best = max(best, further, key=lambda jump: jump.drop)
         found[effect.name] = best
