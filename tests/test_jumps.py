@@ -79,6 +79,7 @@ def test_a_step_of_either_sign_is_tried():
 def test_what_has_no_state_or_promises_nothing_is_looked_at_at_five_typical_sizes_too(name, nothing, reach, monkeypatch):
     """At a thousandth of its size what it promises still grows with the step."""
     monkeypatch.setattr(screening_jumps, "NOTHING", nothing)
+    monkeypatch.setattr(screening_jumps, "HARDLY", 0.0)
     tiny = {key: 1e-3 * value for key, value in sizes()[name].items()}
     found = jumped(base_fit("gravity"), scores("gravity"), {name: tiny}, list(CATALOGUE))[name]
     reached = {key: abs(value) / tiny[key] for key, value in found.start.items()}

@@ -20,8 +20,9 @@ JUMPS, LEAPS = (1.0, 0.3, -0.3, -1.0), (5.0, -5.0)
 its own, or that promises nothing there: a silencer ten times as narrow as usual is not felt at a typical size, where the edge
 before it stays choked."""
 
-NOTHING = 15.0
-"""Predicted drop below which a step of a typical size shows nothing: what chance leaves, below which nothing is refitted."""
+NOTHING, HARDLY = 15.0, 0.01
+"""Predicted drop, and share of the leading one's, below which a step of a typical size shows next to nothing: what chance
+leaves, below which nothing is refitted, and what is lost beside what leads."""
 
 FURTHEST = 2.0
 """Largest multiple of a jump's change that counts."""
@@ -45,23 +46,24 @@ def jumped(
     """
     fitted = Fitted(fit)
     found: dict[str, Jump] = {}
+    little = max(NOTHING, HARDLY * max((score.drop for score in scores), default=0.0))
     position = {name: i for i, name in enumerate(order)}
     every = sorted((score.effect for score in scores), key=lambda effect: position.get(effect.name, len(position)))
     for batch in batches(fit.plant, every):  # those of the screening, whose plants are compiled already
         wanted = [effect for effect in batch if effect.name in sizes]
         if wanted:
-            found |= _jumps(fitted, Batch(fitted, batch, order), wanted, sizes)
+            found |= _jumps(fitted, Batch(fitted, batch, order), wanted, sizes, little)
     return found
 
 
 def _jumps(
-    fitted: Fitted, batch: Batch, wanted: Sequence[Effect], sizes: Mapping[str, Mapping[str, float]]
+    fitted: Fitted, batch: Batch, wanted: Sequence[Effect], sizes: Mapping[str, Mapping[str, float]], little: float
 ) -> dict[str, Jump]:
-    """The best jump of every wanted effect of one batch."""
+    """The best jump of every wanted effect of one batch; further out where one promises less than ``little``."""
     found = {}
     for effect in wanted:
         best = _best_step(fitted, batch, effect, sizes[effect.name], JUMPS)
-        if not effect.states or best.drop < NOTHING:
+        if not effect.states or best.drop < little:
             further = _best_step(fitted, batch, effect, sizes[effect.name], LEAPS)
             best = max(best, further, key=lambda jump: jump.drop)
         found[effect.name] = best

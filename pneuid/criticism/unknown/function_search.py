@@ -63,6 +63,9 @@ low before the first is in."""
 LEAST_EXPLAINED = 0.25
 """Share of the held-out excess that a term must remove to be named."""
 
+LEAST_EXCESS = 1e-3
+"""Excess of the squared held-out error, in squared floors, below which nothing is left that a term could remove."""
+
 TIED = 0.03
 """Share of the drop of the cost within which two terms explain the data alike."""
 
@@ -89,8 +92,9 @@ class Found:
 
     @property
     def explained(self) -> float:
-        """Share of the held-out excess that is removed."""
-        return (self.before - self.after) / max(self.before - 1.0, 1e-12)
+        """Share of the held-out excess that is removed, 0 where there is none."""
+        excess = self.before - 1.0
+        return (self.before - self.after) / excess if excess > LEAST_EXCESS else 0.0
 
     @property
     def explains(self) -> bool:
