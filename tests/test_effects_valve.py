@@ -76,6 +76,7 @@ def test_the_spool_answers_a_step_by_the_exponential_of_its_time_constant():
     own = {"tau_valve": tau, "order_valve": 0.0, "slew_valve": PROMPT}
     t, found = _opening(plant_with("valve_lag"), own, lambda _: 0.4, 0.05)
     T = np.hypot(tau, shortest)
+    # the limit of its speed is felt by (0.4 / 50)^2 / 2
     np.testing.assert_allclose(found, 0.4 * (1 - tau / T * np.exp(-t / T)), rtol=1e-4, atol=1e-12)
     assert found[np.searchsorted(t, tau)] / 0.4 == pytest.approx(1 - np.exp(-1), abs=0.01)
 

@@ -100,6 +100,18 @@ def test_a_speed_that_leads_away_from_the_position_counts_less_and_is_told(own):
     assert any("recorded v does not follow x" in note and "mm/s" in note for note in prepared.notes)
 
 
+@pytest.mark.parametrize("place", [0.5, 0.3, 0.0])
+def test_a_rest_at_the_edge_of_a_code_is_rest_and_a_creep_of_codes_is_none(place):
+    """Where an encoder toggles it shows half a step, and codes on average no more than 0.29 of one."""
+    code, t = 0.1e-6, np.arange(3000) * 1e-3
+    moved = 0.02 * np.clip(t - 1.5, 0.0, 0.5)
+    jitter = 0.1 * code * np.random.default_rng(8).standard_normal(t.size)
+    still, creeping = (code * np.round((x + place * code + jitter) / code) for x in (moved, moved + 10e-6 * t))
+    noise, rest = 0.33 * code, (t > 0.1) & (t < 1.4)
+    assert np.mean(refined_motion(t, still, noise).v[rest] == 0.0) > 0.95
+    assert np.mean(refined_motion(t, creeping, noise).v[rest] == 0.0) < 0.05
+
+
 def test_draws_have_the_covariance_of_the_smoothed_motion():
     s = np.cumsum(np.random.default_rng(2).uniform(0.8, 1.2, 30))
     D, variance = differences(s, motion.ORDER), np.full(27, 0.5)

@@ -120,6 +120,13 @@ def searched() -> Found:
     return search(found, [held], floor.value)
 
 
+@pytest.mark.parametrize("before", [0.98, 1.0, 1.0 + 1e-6])
+def test_of_a_rest_that_is_noise_no_share_is_told(before):
+    """A film that lags, named by all runs together: a function removed 3e13 % of nothing."""
+    nothing = replace(searched(), before=before, after=0.9)
+    assert nothing.explained == 0.0 and not nothing.explains
+
+
 def test_search_names_it_and_judges_on_held_out_runs():
     named = searched()
     assert named.explains and named.explained > 0.8

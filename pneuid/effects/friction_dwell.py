@@ -8,7 +8,7 @@ import casadi as ca
 
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import Coefficients, FrictionLaw
-from pneuid.physics.smoothing import absolute
+from pneuid.physics.smoothing import slip_speed
 from pneuid.rig import Rig
 
 _SOURCE = (
@@ -64,6 +64,6 @@ class FrictionDwell(Effect):
 
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
         """Ageing at rest, renewal by slip; the slip's speed is exactly zero at rest, however wide its rounding."""
-        slip = scope.v * scope.v / absolute(scope.v, scope.smoothing.speed)
+        slip = slip_speed(scope.v, scope.smoothing.speed)
         lasting = 1.0 / (slip / scope.p.slip_dwell + _FORGETTING)
         return {"age": (lasting / (1.0 + (scope.v / _CREEP) ** 2), lasting)}

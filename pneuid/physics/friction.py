@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from pneuid.physics.smoothing import Expression, absolute
+from pneuid.physics.smoothing import Expression, absolute, slip_speed
 
 CARRIER_FREQUENCY = 1.0e3
 """Natural frequency in rad/s of the moving mass on the stiff bristle that carries a static law on a servo rig."""
@@ -84,11 +84,10 @@ def bristle_decay(
 ) -> Expression:
     """``sigma0 |v| / g(v)`` in 1/s: how fast the bristle forgets; ``g`` is read at ``stribeck_speed`` where given.
 
-    Exactly zero at rest, however wide the rounding: with ``|v|`` rounded to 1 um/s a bristle held for a second would lose a
-    hundredth of its force.
+    Exactly zero at rest: with ``|v|`` rounded to 1 um/s a bristle held for a second would lose a hundredth of its force.
     """
     at = v if stribeck_speed is None else stribeck_speed
-    return k.sigma0 * (v * v / absolute(v, speed_width)) / steady_bristle_force(k, at)
+    return k.sigma0 * slip_speed(v, speed_width) / steady_bristle_force(k, at)
 
 
 def friction_force(k: Coefficients, z: Expression, z_rate: Expression, v: Expression) -> Expression:

@@ -34,6 +34,11 @@ def absolute(a: Expression, width: Expression) -> Expression:
     return ca.sqrt(a * a + width * width)
 
 
+def slip_speed(v: Expression, width: Expression) -> Expression:
+    """``v^2 / sqrt(v^2 + width^2)``: ``|v|`` that is exactly zero at rest, however wide the rounding."""
+    return v * v / absolute(v, width)
+
+
 def positive_part(a: Expression, width: Expression) -> Expression:
     """Smooth ``max(a, 0)``, off by at most ``width/2``."""
     return 0.5 * (a + absolute(a, width))

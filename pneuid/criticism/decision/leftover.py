@@ -14,7 +14,6 @@ FAR_OFF = 3.0
 """Error on the training runs, in floors, from which what they leave open of the parameters is no excuse for the held-out error,
 where a balance leaves a defect above noise as well; of the held-out runs, from which second looks need no such balance."""
 
-
 NEARLY_ALL, FLOORS = 0.95, 6.0
 """Share of the excess explained below which, where the held-out error is more than that many floors, the verdict is ``unknown``
 with what was found: something else acts, or more. Of 163 right effects none was left there, though their forms differ from the
@@ -23,6 +22,7 @@ catalogue's (0.89 and 5.4 floors, 0.96 and 6.0); of thirteen wrong ones for what
 TWO_THIRDS, FEW_FLOORS = 2.0 / 3.0, 2.5
 """The same for less that is explained: of 123 right effects none left as much (0.78 and 3.8 floors the nearest, but for a play
 that is far off in any case); heat at the walls in place of a supply that warms up left 0.58 and 2.6 floors, 0.53 and 3.1."""
+
 
 def loudest(trial: Trial) -> float:
     """Largest defect of a balance over what noise alone leaves; on a bench, which has no such defects, that of the force."""

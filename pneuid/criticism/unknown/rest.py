@@ -25,10 +25,6 @@ MORE = 1.1
 """Times what the effects took of the training cost that a function must take to take their place: a tube's delay at a wrong
 break-away left 11 % of the held-out excess and a valve's gain over u 3 %, but that took 0.99 of what the delay did."""
 
-AS_MUCH = 0.97
-"""The same where one function stands against effects of several balances: alike is enough, and it is the plainer. A valve whose
-ports saturate, 0.995 of a tube's delay and a leak past the spool, which left 10 % of the held-out excess, it 8 %."""
-
 LITTLE, MUCH = 0.05, 0.25
 """Shares of the held-out excess left by accepted effects, above which a term of another equation may take their place, and
 above which any may: below that, a term of their own equation is what their form lacks. Above the second a term of another
@@ -74,10 +70,10 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
     if diagnosis.effects and (minor or constant or (left > LITTLE * excess and not verdict.near)):
         alone = search(verdict.base, hold_out, floor, say)
         # of its own equation it is what their form lacks; but one function for several effects of several equations is plainer
-        elsewhere, more = _other(alone, theirs) or len(theirs) > 1, AS_MUCH if len(theirs) > 1 else MORE
+        elsewhere = _other(alone, theirs) or len(theirs) > 1
         if alone.explains and (
             (constant and _holds_the_constant(verdict, alone, left))
-            or ((minor or much or elsewhere) and _takes_place(verdict, alone, left, excess, more))
+            or ((minor or much or elsewhere) and _takes_place(verdict, alone, left, excess))
         ):
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
             found = replace(
@@ -133,7 +129,7 @@ def _other(found: Found, equations: set[str]) -> bool:
     return found.joint.terms[0].equation not in equations
 
 
-def _takes_place(verdict: Verdict, alone: Found, left: float, excess: float, more: float) -> bool:
+def _takes_place(verdict: Verdict, alone: Found, left: float, excess: float) -> bool:
     """Whether a term beside no effect explains clearly more than effects that leave that much of the squared ``excess``.
 
     What explains nearly all need only explain more, unless the effects do so as well, and so need what the training runs show
@@ -142,7 +138,7 @@ def _takes_place(verdict: Verdict, alone: Found, left: float, excess: float, mor
     """
     without, with_them = comparable_costs(verdict.base, verdict.best)
     far_more = alone.gain > TIMES * (without - with_them)
-    known = far_more or (alone.beyond < UNCOVERED and alone.gain > more * (without - with_them))
+    known = far_more or (alone.beyond < UNCOVERED and alone.gain > MORE * (without - with_them))
     plainer = alone.explained > NEARLY_ALL and left > (1.0 - NEARLY_ALL) * excess
     return known and alone.after - 1.0 < (1.0 if plainer or far_more else HALF) * left
 
