@@ -11,11 +11,15 @@ import platform
 import shutil
 import subprocess
 import tempfile
+import threading
 from collections.abc import Sequence
+from concurrent.futures import Future
 from functools import lru_cache
 from pathlib import Path
 
 import casadi as ca
+
+from pneuid.cores import threads
 
 # not -ffast-math, which makes the whole process flush denormals; without finite-math and signed-zeros fmin and fmax are library
 # calls; derivatives divide by the same thing many times, a tenth of their time without reciprocals; the last lets the compiler
@@ -80,10 +84,48 @@ def compiled_library(source: str, prefix: str) -> Path | None:
     tool = compiler()
     if tool is None:
         return None
-    content = "\n".join([source, " ".join(_FLAGS), *tool, _processor(), ca.CasadiMeta.version()])
-    key = hashlib.sha256(content.encode()).hexdigest()[:32]
-    library = cache_folder() / f"{prefix}_{key}.so"
+    library = _library(source, prefix, tool)
+    begun = _BEGUN.pop((os.getpid(), library), None)
+    if begun is not None:
+        begun.result()
     return library if library.exists() or _build(tool[0], source, library) else None
+
+
+def begin(source: str, prefix: str) -> None:
+    """Compile C ``source`` beside what else is done, where there is a core for it; ``compiled_library`` waits for it."""
+    tool = compiler()
+    if tool is None or threads() == 1:
+        return
+    library = _library(source, prefix, tool)
+    if library.exists() or (os.getpid(), library) in _BEGUN:
+        return
+    done = _BEGUN[os.getpid(), library] = Future()
+
+    def build() -> None:
+        try:
+            with _places(os.getpid()):
+                done.set_result(_build(tool[0], source, library))
+        except OSError as error:  # such as a full disk, for whoever needs the library
+            done.set_exception(error)
+
+    # a thread that nobody waits for: at the end of the program what is not needed any more is dropped
+    threading.Thread(target=build, daemon=True).start()
+
+
+_BEGUN: dict[tuple[int, Path], Future[bool]] = {}
+"""Compilations that this process has begun; a forked one knows nothing of how those of its parent went on."""
+
+
+@lru_cache(maxsize=4)
+def _places(process: int) -> threading.Semaphore:  # noqa: ARG001 - see above
+    """As many as may compile at once."""
+    return threading.Semaphore(threads())
+
+
+def _library(source: str, prefix: str, tool: tuple[str, str]) -> Path:
+    """Where the library of a ``source`` lies."""
+    content = "\n".join([source, " ".join(_FLAGS), *tool, _processor(), ca.CasadiMeta.version()])
+    return cache_folder() / f"{prefix}_{hashlib.sha256(content.encode()).hexdigest()[:32]}.so"
 
 
 def lanes() -> int:

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from pneuid.compiled import compile_functions
-from pneuid.lanes import Body, side_by_side
+from pneuid.lanes import Body, begin_side_by_side, side_by_side
 from pneuid.mapped import pair
 from pneuid.plant import Plant, once_per_structure
 from pneuid.step import STRUCTURES, substep
@@ -183,8 +183,8 @@ def _chains(plant: Plant, selected: Sequence[str], samples: int, substeps: int) 
     return {"values": values, "trajectory": trajectory, "derivatives": derivatives, "jacobian": jacobian}
 
 
-def _bodies(plant: Plant, selected: Sequence[str], samples: int, substeps: int) -> dict[str, Body]:
-    """The same chains as C over lanes, with loops for samples and substeps."""
+def _bodies(plant: Plant, selected: Sequence[str], samples: int) -> dict[str, Body]:
+    """The same chains as C over lanes, with loops for samples and for as many substeps as the caller asks for."""
     ns, ny, rows, width = len(plant.states), len(plant.outputs), data_rows(plant), len(selected) + len(plant.states)
     packed = (width + 1) * (width + 2) // 2
     given = {"start": ns, "data": rows * samples, "theta": len(plant.theta_names)}
@@ -194,7 +194,7 @@ def _bodies(plant: Plant, selected: Sequence[str], samples: int, substeps: int) 
         f"for (int i = 0; i < {ns}; i++) S[{ns} * ({width - ns} + i) + i] = ALL(1.0);"
     )
     each = f"for (int k = 0; k < {samples}; k++) {{ const v *d = data + k * {rows};"
-    inner = f"for (int j = 0; j < {substeps}; j++) {{ v h[1] = {{*d / {substeps}.0}}, fraction[1] = {{ALL(j / {substeps}.0)}};"
+    inner = "for (long j = 0; j < substeps; j++) { v h[1] = {*d / (double)substeps}, fraction[1] = {ALL(j / (double)substeps)};"
     step = f"{inner} step(s, fraction, h, d, theta, step_constant, moved); copied(s, moved, {ns}); }}"
     move = (
         f"{inner} move(s, S, fraction, h, d, theta, move_constant, moved, turned);\n"
@@ -246,10 +246,12 @@ def _unmoved(ns: int, width: int) -> ca.MX:
     return ca.MX(ca.DM(np.hstack([np.zeros((ns, width - ns)), np.eye(ns)])))
 
 
+_USUAL = ("values", "derivatives", "trajectory")
+
+
 @once_per_structure(64)
 def _build(plant: Plant, selected: tuple[str, ...], samples: int, substeps: int) -> IntervalFunction:
-    names = ("values", "derivatives", "trajectory")
-    (values, derivatives, trajectory), done = _compiled(plant, selected, samples, substeps, names)
+    (values, derivatives, trajectory), done = _compiled(plant, selected, samples, substeps, _USUAL)
     return IntervalFunction(values, derivatives, trajectory, samples, substeps, selected, done)
 
 
@@ -266,16 +268,29 @@ def _compiled(
 
     Where there are twins the chains themselves stay as they are: they say what the twins give, and nothing runs them.
     """
-    every, chains = _bodies(plant, selected, samples, substeps), _chains(plant, selected, samples, substeps)
-    bodies = {name: every[name] for name in names}
-    parts = {part: _part(plant, selected, part) for body in bodies.values() for part in body.parts}
-    twins = side_by_side(parts, bodies, PREFIX)
+    chains = _chains(plant, selected, samples, substeps)
+    twins = side_by_side(*_in_lanes(plant, selected, samples, names), substeps, PREFIX)
     made = [chains[name]() for name in names]
     if not twins:
         return compile_functions(made, PREFIX)
     for name, chain in zip(names, made, strict=True):
         pair(chain, twins[name])
     return made, True
+
+
+def _in_lanes(
+    plant: Plant, selected: Sequence[str], samples: int, names: Sequence[str]
+) -> tuple[dict[str, ca.Function], dict[str, Body]]:
+    """The sample's functions that the chains of these names need, and the bodies of those."""
+    every = _bodies(plant, selected, samples)
+    bodies = {name: every[name] for name in names}
+    return {part: _part(plant, selected, part) for body in bodies.values() for part in body.parts}, bodies
+
+
+@once_per_structure(256)
+def begin(plant: Plant, selected: tuple[str, ...], samples: int, names: tuple[str, ...] = _USUAL) -> None:
+    """Start compiling what the functions ``names`` of a plant will need, beside what else is done, whatever their substeps."""
+    begin_side_by_side(*_in_lanes(plant, selected, samples, names), PREFIX)
 
 
 def interval_function(plant: Plant, selected: Sequence[str], samples: int, substeps: int) -> IntervalFunction:

@@ -12,6 +12,7 @@ import ctypes
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -20,7 +21,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from pneuid.compiled import compiled_library, lanes
+from pneuid.compiled import begin, compiled_library, lanes
 from pneuid.vectors import HEAD, NoLanesError, Written
 
 
@@ -30,7 +31,7 @@ class Body:
 
     A part ``NAME`` is called with its inputs, ``NAME_constant`` and its outputs; an array that is filled ends in ``_``. What is
     given as ``start`` belongs to a window's first interval, before which ``first`` runs; ``then`` makes of it the start of the
-    next.
+    next. ``substeps`` is a number that the caller chooses, so that one library serves all of them.
     """
 
     text: str
@@ -41,7 +42,9 @@ class Body:
     then: str = ""
 
 
-def side_by_side(parts: Mapping[str, ca.Function], bodies: Mapping[str, Body], prefix: str) -> dict[str, SideBySide]:
+def side_by_side(
+    parts: Mapping[str, ca.Function], bodies: Mapping[str, Body], substeps: int, prefix: str
+) -> dict[str, SideBySide]:
     """Entries that run the chains, by name; none where there is no compiler with vectors, or an operation has no C here."""
     count = lanes()
     try:
@@ -49,7 +52,15 @@ def side_by_side(parts: Mapping[str, ca.Function], bodies: Mapping[str, Body], p
     except NoLanesError:
         return {}
     library = compiled_library(text, f"{prefix}_lanes")
-    return {} if library is None else {name: SideBySide(library, name, body, count) for name, body in bodies.items()}
+    if library is None:
+        return {}
+    return {name: SideBySide(library, name, body, count, substeps) for name, body in bodies.items()}
+
+
+def begin_side_by_side(parts: Mapping[str, ca.Function], bodies: Mapping[str, Body], prefix: str) -> None:
+    """Start compiling what ``side_by_side`` will need."""
+    with suppress(NoLanesError):
+        begin(source(parts, bodies, lanes()), f"{prefix}_lanes")
 
 
 def source(parts: Mapping[str, ca.Function], bodies: Mapping[str, Body], lanes: int) -> str:
@@ -81,7 +92,8 @@ def _entry(name: str, body: Body, parts: Sequence[Written]) -> str:
     gather = {one: f"into_lanes({one}, {one}_given, {size}, {{}});" for one, size in body.given.items()}
     scatter = [f"out_of_lanes({one}_found, {one}_, {size}, at, k, length);" for one, size in body.found.items()]
     lines = [
-        f"void {name}_side_by_side({', '.join(arguments)}, const long *edges, long first, long last) {{", *arrays,
+        f"void {name}_side_by_side({', '.join(arguments)}, const long *edges, long first, long last, long substeps) {{",
+        *arrays,
         "for (long i = first; i < last; i += LANES) { long window[LANES], at[LANES], length[LANES], longest = 0;",
         "for (long l = 0; l < LANES; l++) { window[l] = smaller(i + l, last - 1);",
         "length[l] = i + l < last ? edges[i + l + 1] - edges[i + l] : 0; longest = -smaller(-longest, -length[l]); }",
@@ -96,11 +108,11 @@ def _entry(name: str, body: Body, parts: Sequence[Written]) -> str:
 class SideBySide:
     """An entry of a built library: intervals in lanes, lanes on threads."""
 
-    def __init__(self, library: Path, name: str, body: Body, lanes: int) -> None:
+    def __init__(self, library: Path, name: str, body: Body, lanes: int, substeps: int) -> None:
         self._run = getattr(ctypes.CDLL(str(library)), f"{name}_side_by_side")
         self._run.restype = None
-        self._run.argtypes = [ctypes.c_void_p] * (len(body.given) + len(body.found) + 1) + [ctypes.c_long] * 2
-        self._lanes = lanes
+        self._run.argtypes = [ctypes.c_void_p] * (len(body.given) + len(body.found) + 1) + [ctypes.c_long] * 3
+        self._lanes, self._substeps = lanes, substeps
 
     def __call__(self, given: Sequence[np.ndarray], found: Sequence[np.ndarray], edges: np.ndarray, threads: int) -> None:
         """Fills ``found`` from ``given``, C arrays of intervals one after the other; ``start`` of windows.
@@ -118,7 +130,7 @@ class SideBySide:
 
     def _some(self, arrays: Sequence[np.ndarray], first: int, last: int) -> None:
         """Windows ``first`` to ``last - 1``; holds the arrays until they are done, also where the caller is interrupted."""
-        self._run(*(item.ctypes.data for item in arrays), first, last)
+        self._run(*(item.ctypes.data for item in arrays), first, last, self._substeps)
 
 
 @lru_cache(maxsize=4)

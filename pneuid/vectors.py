@@ -15,6 +15,8 @@ HEAD = """
 #include <math.h>
 typedef double v __attribute__((vector_size(8 * LANES)));
 typedef long long w __attribute__((vector_size(8 * LANES)));
+/* not merged into the loops around it, where the compiler takes twice as long for it */
+#define ALONE static __attribute__((noinline))
 #define ALL(c) ((v){0} + (c))
 #define BOTH(m, x) ((v)((w)(m) & (w)(x)))
 static inline v pick(w m, v x, v y) { return (v)((m & (w)x) | (~m & (w)y)); }
@@ -104,7 +106,7 @@ class Written:
         outputs = "".join(f", v *restrict o{i}" for i in range(function.n_out()))
         self.text = (
             f"static void {name}_before(const v *restrict i{still}, v *restrict constant) {{\n" + "\n".join(self._before)
-            + f"\n}}\nstatic void {name}({inputs}const v *restrict constant{outputs}) {{\n" + "\n".join(self._lines) + "\n}\n"
+            + f"\n}}\nALONE void {name}({inputs}const v *restrict constant{outputs}) {{\n" + "\n".join(self._lines) + "\n}\n"
         )  # fmt: skip
 
     def _made(self, op: int, of: Sequence[str], name: str) -> str:

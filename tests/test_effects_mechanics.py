@@ -223,19 +223,19 @@ def test_an_oscillating_mount_asks_for_its_own_step():
 
 
 _CUSHION = plant_with("end_cushion")
-_SHUT = {"cushion_1": 0.8, "cushion_2": 0.6, "L_cushion": 0.03, "tau_needle": 0.1}
+_SHUT = {"cushion_1": 0.8, "cushion_2": 0.6, "L_cushion": 0.03, "tau_needle_1": 0.1, "tau_needle_2": 0.1}
 _NO_CUSHION = {"cushion_1": 0.0, "cushion_2": 0.0}
 
 
 @settings(max_examples=40, deadline=None)
 @given(
-    some.floats(0.05, 0.9), some.floats(2e4, 8e5), some.floats(-1.0, 0.0), some.floats(-10.0, 10.0), some.floats(0.02, 1.0),
+    some.floats(0.05, 0.9), some.floats(-2e5, 8e5), some.floats(-1.0, 1.0), some.floats(-10.0, 10.0), some.floats(0.02, 1.0),
 )  # fmt: skip
 def test_a_shut_cushion_keeps_the_mass_of_its_air(share, over, v, u, tau):
     """Ring and rest of the chamber together gain what flows through the port, and nothing else."""
     plant, rig_ = _CUSHION, _CUSHION.rig
     state = {"x": 0.001, "p1": 5e5, "p2": 5e5, "v": v, "dp_ring_1": over}
-    on = {"cushion_1": share, "cushion_2": 0.0, "L_cushion": 0.03, "tau_needle": tau, "n": 1.25}
+    on = {"cushion_1": share, "cushion_2": 0.0, "L_cushion": 0.03, "tau_needle_1": tau, "n": 1.25}
     found = rates(plant, state, on, u)
     V, growth = rig_.V01 + rig_.A1 * 0.001, rig_.A1 * v
     ring = share * rig_.A1 * (0.001 + _CLEARANCE)
@@ -255,13 +255,39 @@ def test_a_cushion_brakes_with_a_pressure_that_no_sensor_sees():
     assert with_it["p2"] < without["p2"] and with_it["dp_ring_2"] > 1e6
 
 
-def test_in_the_middle_and_while_air_comes_in_a_cushion_does_nothing():
+def test_in_the_middle_a_cushion_does_nothing():
     middle = {"x": 0.25, "p1": 5e5, "p2": 5e5, "v": 0.3}
-    for state, u in ((middle, -5.0), (middle, 5.0), (middle | {"x": 0.002, "dp_ring_1": -5e3}, 5.0)):
+    for state, u in ((middle, -5.0), (middle, 5.0)):
         on, off = (rates(_CUSHION, state, change, u) for change in (_SHUT, _NO_CUSHION))
         assert on["p1"] == pytest.approx(off["p1"], rel=1e-3)
     # an overpressure is gone as soon as the passage is open
     assert rates(_CUSHION, middle | {"dp_ring_1": 1e5}, _SHUT)["dp_ring_1"] < -4e7
+
+
+def test_a_check_valve_lets_air_in_within_its_time_and_out_through_the_needle_alone():
+    still = {"x": 0.02, "p1": 5e5, "p2": 5e5, "v": 0.0}
+    slow = _SHUT | {"tau_needle_1": 20.0}
+    for tau in (1e-3, 1e-2):
+        sucked, pressed = (
+            rates(_CUSHION, still | {"dp_ring_1": over}, slow | {"tau_check": tau}, 0.0)["dp_ring_1"] for over in (-5e4, 5e4)
+        )
+        assert sucked == pytest.approx(5e4 / tau, rel=0.02)
+        assert -3e4 < pressed < 0.0
+
+
+@pytest.mark.parametrize("over", [1e2, 5e4, 5e6])
+def test_a_needle_drains_a_ring_like_an_orifice(over):
+    """``n R T m / V`` with the standard's flow, of a ring two thirds into its cushion."""
+    tau, p = 0.5, 5e5
+    part = over / (p + over)
+    ratio = 1.0 - part
+    flow = 1.0 if ratio < 0.3 else np.sqrt(1.0 - ((ratio - 0.3) / 0.7) ** 2)
+    if part < 0.01:
+        flow = np.sqrt(1.0 - (0.69 / 0.7) ** 2) * part / 0.01
+    state = {"x": 0.02, "p1": p, "p2": p, "v": 0.0, "dp_ring_1": over}
+    on = _SHUT | {"cushion_1": 0.01, "tau_needle_1": tau}
+    found = rates(_CUSHION, state, on, 0.0)
+    assert found["dp_ring_1"] == pytest.approx(-(p + over) * flow / tau * 31.0 / 21.0, rel=0.02)
 
 
 # --- what a plant says of itself ---

@@ -34,7 +34,7 @@ def entry(part: ca.Function, lanes: int) -> SideBySide:
     body = Body("part(start, theta, part_constant, found_);", ("part",), sizes, {"found": part.numel_out(0)})
     library = compiled_library(source({"part": part}, {"one": body}, lanes), "pneuid_lanes_test")
     assert library is not None, "this machine's compiler has no vectors: the speed of pneuid is not there"
-    return SideBySide(library, "one", body, lanes)
+    return SideBySide(library, "one", body, lanes, 1)
 
 
 def run(part: ca.Function, s: np.ndarray, theta: np.ndarray, lanes: int, threads: int = 1) -> np.ndarray:
@@ -123,7 +123,7 @@ def test_an_operation_without_c_leaves_the_intervals_one_by_one(monkeypatch):
     s, theta = ca.SX.sym("s"), ca.SX.sym("theta")
     with pytest.raises(NoLanesError):
         source({"part": part([ca.sin(s)], s, theta)}, {"one": Body("", ("part",), {}, {})}, 4)
-    assert side_by_side({"part": part([ca.sin(s)], s, theta)}, {"one": Body("", ("part",), {}, {})}, "pneuid") == {}
+    assert side_by_side({"part": part([ca.sin(s)], s, theta)}, {"one": Body("", ("part",), {}, {})}, 1, "pneuid") == {}
 
 
 # --- chains ---

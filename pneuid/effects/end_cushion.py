@@ -9,34 +9,42 @@ import casadi as ca
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
 from pneuid.physics.gas import R_AIR
+from pneuid.physics.valve import flow_function
 from pneuid.rig import Rig
 
 _SOURCE = "Beater, Pneumatic Drives (Springer 2007), chapter on linear drives (end-position cushioning)"
 
-_EDGE = 1.0e-3
+_NEEDLE = "ISO 6358-1:2013, eq. (1) and (2)"
+
+_EDGE = 5.0e-4
 """Length in m over which the seal on the spigot closes the free passage."""
 
 _OPEN = 2.0e-3
-"""Time constant in s by which ring and chamber become one through the free passage, or through the check valve."""
+"""Time constant in s by which ring and chamber become one through the free passage."""
 
 _CLEARANCE = 1.0e-3
 """What is left of the ring's length at the end of the stroke, m; tubes and ports belong to the rest of the chamber."""
 
-_CHECK = 1.0e3
-"""Pressure difference in Pa over which the check valve opens."""
+_CRACKS, _CHECK = 4.0e3, 1.0e3
+"""Pressure difference in Pa at which the check valve opens, and over which."""
+
+_CRITICAL = 0.3
+"""Critical pressure ratio of the needle, an orifice without a long passage (ISO 6358: 0.2 to 0.5)."""
+
+_LAMINAR = 0.01
+"""Overpressure, as a share of the ring's pressure, below which the needle's flow is proportional to it."""
 
 
 class _Side(NamedTuple):
     """One end of the cylinder, shut as far as it is.
 
-    part : the ring's share of the chamber's volume; trapped : 0 where the check valve is open to 1; exchange : rate at which
-    needle and passage even the pressures out, 1/s; squeezed : growth of an overpressure by the ring's own compression, 1/s;
-    left_behind : what the overpressure gains as the ring is pressed and the rest of the chamber emptied, Pa/s; faster : what
-    the chamber's pressure gains by being smaller, Pa/s."""
+    part : the ring's share of the chamber's volume; exchange : rate at which needle, passage and check valve even the pressures
+    out, 1/s; squeezed : growth of an overpressure by the ring's own compression, 1/s; left_behind : what the overpressure gains
+    as the ring is pressed and the rest of the chamber emptied, Pa/s; faster : what the chamber's pressure gains by being
+    smaller, Pa/s."""
 
     part: Expression
     over: Expression
-    trapped: Expression
     exchange: Expression
     squeezed: Expression
     left_behind: Expression
@@ -47,9 +55,11 @@ class EndCushion(Effect):
     """Within ``L`` of the end a spigot shuts the volume before a share ``a`` of the piston's area off from the port.
 
     The ring's pressure ``p + dp`` is no sensor's: it brakes with ``a A dp``, rises as the ring is compressed, drains through a
-    needle within the time ``tau`` at the cushion's entry, and what is left of the chamber empties the faster for it. A
-    check valve lets air in. ``a_1, dp_1`` act at the cap end (chamber 1), ``a_2, dp_2`` at the rod end.
-    ``s = 1/(1 + exp((distance - L)/(1 mm)))`` shuts. Typical: a 0.6 to 0.9, L 10 to 30 mm, tau 20 ms to 0.5 s.
+    needle, and what is left of the chamber empties the faster for it. A check valve lets air in, within ``tau_c``. The needle
+    is an orifice by ISO 6358-1: ``tau = a A L / (n R T C rho_0)`` is the time constant of the ring at the cushion's entry while
+    the flow is choked; it drains ``psi / (1 - r)`` times as fast, ``r = p/(p + dp)``. ``a_1, dp_1, tau_1`` are those of the cap
+    end (chamber 1), ``a_2, dp_2, tau_2`` of the rod end. ``s = 1/(1 + exp((distance - L)/(0.5 mm)))`` shuts. Typical: a 0.6 to
+    0.9, L 10 to 30 mm, tau 50 ms to 2 s, tau_c 1 to 5 ms.
     """
 
     name = "end_cushion"
@@ -62,45 +72,51 @@ class EndCushion(Effect):
     states = (State("dp_ring_1", "Pa", 0.0, 1e4, 3e4), State("dp_ring_2", "Pa", 0.0, 1e4, 3e4))
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Share of the area that is shut off at each end, the length over which it is, and the needle's time constant."""
+        """Share of the area that is shut off at each end, over which length, and the time constants of its valves."""
         return (
             Parameter("cushion_1", "a_1", "1", 0.0, 0.95, 0.0, 0.2, _SOURCE, off=0.0),
             Parameter("cushion_2", "a_2", "1", 0.0, 0.95, 0.0, 0.2, _SOURCE, off=0.0),
             Parameter("L_cushion", "L", "m", 2e-3, 0.1, 0.025, 1.0, _SOURCE, positive=True, prior=0.7),
-            Parameter("tau_needle", "tau", "s", 2e-3, 10.0, 0.1, 1.0, _SOURCE, positive=True, prior=1.5),
+            Parameter("tau_check", "tau_c", "s", 5e-4, 0.05, 1e-3, 1.0, _SOURCE, positive=True, prior=1.0),
+            Parameter("tau_needle_1", "tau_1", "s", 5e-3, 20.0, 0.4, 1.0, _NEEDLE, positive=True, prior=1.5),
+            Parameter("tau_needle_2", "tau_2", "s", 5e-3, 20.0, 0.4, 1.0, _NEEDLE, positive=True, prior=1.5),
         )
 
     def _sides(self, scope: Scope) -> tuple[_Side, _Side]:
-        rig, parameter, state, length = scope.rig, scope.p, scope.state, scope.p.L_cushion
+        rig, state, length = scope.rig, scope.state, scope.p.L_cushion
 
         def side(
-            share: Expression, over: Expression, p: Expression, mdot: Expression, V: Expression, room: Expression,
-            A: Expression, speed: Expression,
+            share: Expression, tau: Expression, over: Expression, p: Expression, mdot: Expression, V: Expression,
+            room: Expression, A: Expression, speed: Expression,
         ) -> _Side:  # fmt: skip
             shut = 0.5 * (1.0 - ca.tanh((room - length) / (2 * _EDGE)))
-            trapped = 0.5 * (1.0 + ca.tanh(over / _CHECK))
+            trapped = 0.5 * (1.0 + ca.tanh((over + _CRACKS) / _CHECK))
             room = ca.fmax(room, 0.0) + _CLEARANCE
             ring = share * A * room
             rest, entering = V - ring, R_AIR * rig.T * mdot
             smaller = scope.n / rest * (entering - p * (1.0 - share) * A * speed)
             whole = scope.n / V * (entering - p * A * speed)
-            exchange = shut * (length + _CLEARANCE) / (room * parameter.tau_needle) + (1.0 - shut) / _OPEN
+            needle = shut * (length + _CLEARANCE) / (room * tau) * _eased(over, p)
+            exchange = needle + (1.0 - shut) / _OPEN + (1.0 - trapped) / scope.p.tau_check
             pressed = -scope.n * speed / room
             return _Side(
-                ring / V, over, trapped, exchange, shut * pressed, shut * trapped * (p * pressed - smaller),
-                shut * trapped * (smaller - whole),
+                ring / V, over, exchange, shut * pressed, shut * (p * pressed - smaller), shut * (smaller - whole)
             )  # fmt: skip
 
         return (
-            side(parameter.cushion_1, state.dp_ring_1, scope.p1, scope.mdot1, scope.V1, scope.x, rig.A1, scope.v),
             side(
-                parameter.cushion_2, state.dp_ring_2, scope.p2, scope.mdot2, scope.V2, rig.stroke - scope.x, rig.A2, -scope.v
+                scope.p.cushion_1, scope.p.tau_needle_1, state.dp_ring_1, scope.p1, scope.mdot1, scope.V1, scope.x, rig.A1,
+                scope.v,
             ),
-        )
+            side(
+                scope.p.cushion_2, scope.p.tau_needle_2, state.dp_ring_2, scope.p2, scope.mdot2, scope.V2, rig.stroke - scope.x,
+                rig.A2, -scope.v,
+            ),
+        )  # fmt: skip
 
     def pressure_rates(self, rate1: Expression, rate2: Expression, scope: Scope) -> tuple[Expression, Expression]:
         """What is left of a chamber is smaller, and gets what the needle lets through: ring and chamber keep their mass."""
-        one, two = (of.faster + of.trapped * of.part * of.exchange * of.over for of in self._sides(scope))
+        one, two = (of.faster + of.part * of.exchange * of.over for of in self._sides(scope))
         return rate1 + one, rate2 + two
 
     def force(self, force: Expression, scope: Scope) -> Expression:
@@ -112,7 +128,13 @@ class EndCushion(Effect):
         """Overpressure of each ring: pressed, left behind as the chamber empties, evened out through needle or valve."""
         found = {}
         for own, of in zip(self.states, self._sides(scope), strict=True):
-            decay = of.exchange + (1.0 - of.trapped) / _OPEN
             source = of.left_behind + of.squeezed * of.over
-            found[own.name] = source / decay, 1.0 / decay
+            found[own.name] = source / of.exchange, 1.0 / of.exchange
         return found
+
+
+def _eased(over: Expression, p: Expression) -> Expression:
+    """Times as fast as in choked flow, relative to the overpressure, that a needle evens out the overpressure of a ring."""
+    above = ca.fmax(over, 0.0)
+    part = ca.fmax(above / (p + above), _LAMINAR)
+    return flow_function(1.0 - part, _CRITICAL, _LAMINAR) / part

@@ -15,7 +15,8 @@ from functools import cached_property
 
 import numpy as np
 
-from pneuid.estimation.shooting import Evaluation, Shooting, threads
+from pneuid.cores import threads
+from pneuid.estimation.shooting import Evaluation, Shooting
 from pneuid.mapped import Trajectories
 
 

@@ -26,7 +26,7 @@ from pneuid.estimation.stages import (
     tight_stage,
 )
 from pneuid.estimation.starts import from_far, softer
-from pneuid.estimation.task import Task, relaxed_fit, values_at
+from pneuid.estimation.task import Task, begin_fit, relaxed_fit, values_at
 from pneuid.estimation.tightly import SURE, tightly
 from pneuid.estimation.uncertainty import Uncertainty, verdicts
 from pneuid.plant import Plant
@@ -140,6 +140,7 @@ def fit(
     _check_runs(plant, recordings)
     levels = dict(noise) if noise is not None else noise_of(plant.rig, recordings)
     runs = tuple(prepared) if prepared is not None else tuple(prepare(run, plant, levels) for run in recordings)
+    begin_fit(plant, runs)
     task = Task(plant, recordings, runs, nodes or {}, monitor, again=again)
     ends = _ends(task, start or {}, exact)
     _, best = min(zip(comparable_costs(*ends), ends, strict=True), key=lambda item: _order(*item))
@@ -194,6 +195,7 @@ def near(
     with what it had reached after a ctrl-C.
     """
     began = time.monotonic()
+    begin_fit(plant, runs)
     task = Task(plant, [run.recording for run in runs], tuple(runs), nodes or {}, monitor, again=True)
     task = replace(task, finest=FINER * task.substeps(task.guess | dict(start)), hopeless=hopeless)
     problem, soft = relaxed_fit(task, start, tight_stage)

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from pneuid.cores import threads
 from pneuid.estimation.chained import Chained
-from pneuid.estimation.shooting import Evaluation, Shooting, threads
+from pneuid.estimation.shooting import Evaluation, Shooting
 from pneuid.mapped import Mapped
 
 

@@ -7,7 +7,6 @@ plus the weak priors; the defect of an interval is its end state minus the next 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,6 +14,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from pneuid.cores import threads
 from pneuid.effect import Parameter
 from pneuid.estimation.end_stops import stretches
 from pneuid.estimation.forgetting import renewed
@@ -45,12 +45,6 @@ anything."""
 
 ON_BOUND_SHARE, ON_BOUND = 1e-4, 1e-3
 """Distances within which a search variable counts as lying on its bound: a share of its range, and at most that much."""
-
-
-def threads() -> int:
-    """Threads of one evaluation: every core, or what PNEUID_THREADS says (1 where processes run side by side)."""
-    stated = os.environ.get("PNEUID_THREADS", "")
-    return max(1, int(stated)) if stated.isdigit() else min(os.cpu_count() or 1, 8)
 
 
 class Scaling:
@@ -110,6 +104,12 @@ def _constraint_function(plant: Plant) -> ca.Function:
     found = [item.value for item in plant.constraints(theta)]
     value = ca.vertcat(*found) if found else ca.SX(0, 1)
     return ca.Function("constraints", [theta], [ca.densify(value), ca.densify(ca.jacobian(value, theta))])
+
+
+def differentiated(free: Sequence[str]) -> tuple[str, ...]:
+    """Names that the interval function differentiates by, of ``free`` parameters: those of single runs share one a quantity."""
+    shared = [name for name in free if of_key(name)[1] is None]
+    return (*shared, *sorted({QUANTITIES[of_key(name)[0]] for name in free if of_key(name)[1] is not None}))
 
 
 class Shooting:
@@ -257,10 +257,11 @@ class Shooting:
 
         ``place`` is ``(runs, columns)``, the index among the free parameters or -1; None where both are the same.
         """
-        local = sorted({QUANTITIES[of_key(name)[0]] for name in self.free if of_key(name)[1] is not None})
-        if not local:
+        columns = differentiated(self.free)
+        if columns == self.free:
             return self.free, None
         shared = [name for name in self.free if of_key(name)[1] is None]
+        local = columns[len(shared) :]
         place = np.full((len(self.runs), len(shared) + len(local)), -1)
         place[:, : len(shared)] = [self.free.index(name) for name in shared]
         for j, name in enumerate(self.free):
@@ -268,7 +269,7 @@ class Shooting:
             for r, run in enumerate(self.runs):
                 if run.name == of:
                     place[r, len(shared) + local.index(QUANTITIES[quantity])] = j
-        return (*shared, *local), place
+        return columns, place
 
     def _spread(self, S: np.ndarray) -> np.ndarray:
         """Rows ``(nint, rows, columns)`` in the columns of the interval function to rows in all free parameters."""

@@ -12,9 +12,10 @@ from pneuid.errors import UserError
 from pneuid.estimation.first_guess import BREAK_AWAY, first_guess, first_nodes, motions
 from pneuid.estimation.own import declared
 from pneuid.estimation.preparation import Run, data_ranges
-from pneuid.estimation.shooting import NODE_EVERY, Shooting, relaxed_smoothing
+from pneuid.estimation.shooting import NODE_EVERY, Shooting, differentiated, relaxed_smoothing
 from pneuid.estimation.solver import INTERRUPTED, USUAL, Monitor, Settling
 from pneuid.estimation.stages import DEFECT_GATE, Relaxed, relaxed_stage
+from pneuid.interval import begin
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.step import LARGEST_SUBSTEPS, substeps_needed
@@ -77,8 +78,7 @@ class Task:
     def problem(self, values: Mapping[str, float], substeps: int) -> Shooting:
         """The relaxed problem at the parameters ``values`` (SI)."""
         free = [parameter.name for parameter in declared(self.plant, [run.own for run in self.runs])]
-        every = node_every(float(np.median(np.concatenate([run.data[0] for run in self.runs]))))
-        problem = Shooting(self.plant, self.runs, free, values, self.ranges, substeps, every)
+        problem = Shooting(self.plant, self.runs, free, values, self.ranges, substeps, samples_of(self.runs))
         problem.set_smoothing(relaxed_smoothing(self.plant))
         return problem
 
@@ -100,6 +100,18 @@ class Task:
             return []
         nodes = self.nodes(guess | values | fresh, problem.samples)
         return [problem.join(inside(problem, values | fresh), nodes)]
+
+
+def begin_fit(plant: Plant, runs: Sequence[Run]) -> None:
+    """Start compiling what a fit of ``plant`` to these runs will need, and predictions by what it finds."""
+    free = differentiated([parameter.name for parameter in declared(plant, [run.own for run in runs])])
+    for selected in (free, ()):
+        begin(plant, selected, samples_of(runs))
+
+
+def samples_of(runs: Sequence[Run]) -> int:
+    """Samples between nodes in these runs."""
+    return node_every(float(np.median(np.concatenate([run.data[0] for run in runs]))))
 
 
 def node_every(dt: float) -> int:

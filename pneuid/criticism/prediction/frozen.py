@@ -9,7 +9,7 @@ import numpy as np
 
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import Run
-from pneuid.estimation.task import node_every
+from pneuid.estimation.task import samples_of
 from pneuid.interval import IntervalFunction, interval_function
 from pneuid.plant import Plant
 
@@ -36,5 +36,4 @@ class Frozen:
 
     def function(self, runs: Sequence[Run]) -> IntervalFunction:
         """The interval function of these runs' sample time, without derivatives."""
-        dt = float(np.median(np.concatenate([run.data[0] for run in runs])))
-        return interval_function(self.plant, (), node_every(dt), self.substeps)
+        return interval_function(self.plant, (), samples_of(runs), self.substeps)

@@ -16,6 +16,7 @@ from pneuid.estimation.preparation import Run
 from pneuid.estimation.shooting import TIGHT
 from pneuid.estimation.sliding import sliding_starts
 from pneuid.estimation.solver import Monitor
+from pneuid.estimation.task import begin_fit
 from pneuid.plant import Plant
 
 ENOUGH, OVER = 0.8, 1.2
@@ -129,6 +130,11 @@ def _force_error(found: Fit) -> float:
     There the motion is imposed, and continuity defects of an effect's own state may buy a lower cost.
     """
     return typical(predict(Frozen.of(found), found.runs), found.plant.outputs)["F"]
+
+
+def begin_refit(base: Standing, asked: Asked, order: Sequence[str]) -> None:
+    """Start compiling what ``refit`` will need."""
+    begin_fit(_plant_with(base, asked, order)[0], base.runs)
 
 
 def by_sliding(base: Standing, monitor: Monitor | None = None) -> list[Fit]:

@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
+from itertools import zip_longest
 from typing import Any
 
-from pneuid.criticism.refitting.refits import Asked, Standing, by_sliding, led, on_runs, refit, without
+from pneuid.criticism.refitting.refits import Asked, Standing, begin_refit, by_sliding, led, on_runs, refit, without
 from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
 from pneuid.effects._own_file import own_effects
 from pneuid.estimation.fit import Fit, completed, sharper
@@ -79,8 +80,8 @@ class Refitter:
         """
         standing = Standing.of(base)
         if isinstance(self.pool, InProcess):
-            for one in asked:
-                yield one, partial(self._here, base, standing, one)
+            for one, later in zip_longest(asked, asked[1:]):
+                yield one, partial(self._here, base, standing, one, later)
             return
         keys = [self._key(standing, one) for one in asked]
         missing = [i for i, key in enumerate(keys) if key not in self.store]
@@ -122,10 +123,13 @@ class Refitter:
         """The same model fitted to other runs."""
         return on_runs(Standing.of(base), runs, self.monitor)
 
-    def _here(self, base: Fit, standing: Standing, asked: Asked) -> Fit:
+    def _here(self, base: Fit, standing: Standing, asked: Asked, later: Asked | None) -> Fit:
+        """The fit made here, while what the ``later`` one needs is compiled."""
         key = self._key(standing, asked)
         if key in self.store:
             return self._rebuilt(base, asked, self.store[key])
+        if later is not None:
+            begin_refit(standing, later, self.order)
         found = refit(standing, asked, self.order, self.monitor)
         self.store.put(key, Solution.of(found).to_dict())
         return found

@@ -15,12 +15,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from pneuid.cores import threads
 from pneuid.effect import Effect, Parameter
 from pneuid.estimation.assembly import relaxed_system
 from pneuid.estimation.factor import factorised
 from pneuid.estimation.fit import Fit
-from pneuid.estimation.shooting import Scaling, threads
-from pneuid.interval import trajectory_function
+from pneuid.estimation.shooting import Scaling
+from pneuid.interval import begin, trajectory_function
 from pneuid.mapped import Mapped
 from pneuid.plant import Plant
 
@@ -96,6 +97,10 @@ def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list
     ]
     if not chosen:
         return []
+    problem = fit.problem
+    begin(fit.plant, problem.function.selected, problem.samples, ("jacobian",))
+    for batch in batches(fit.plant, chosen):
+        begin(_plant_with(fit.plant, batch, order), (), problem.samples, ("trajectory",))
     fitted = Fitted(fit)
     changes = screened(fitted, chosen, order)
     groups = _groups(fitted, changes)
@@ -293,10 +298,7 @@ class Batch:
     """The fitted plant with some effects more, all of them off: how it responds when they are not."""
 
     def __init__(self, fitted: Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> None:
-        old = fitted.fit.plant
-        position = {name: i for i, name in enumerate(order)}
-        every = sorted([*old.effects, *chosen], key=lambda effect: position.get(effect.name, len(position)))
-        self.fitted, self.chosen, self.plant = fitted, list(chosen), Plant(old.rig, old.law.name, every)
+        self.fitted, self.chosen, self.plant = fitted, list(chosen), _plant_with(fitted.fit.plant, chosen, order)
         self.amplitudes = [item for effect in chosen for item in _amplitudes(self.plant, effect)]
         self.off = {item.name: float(item.off or 0.0) for item in self.amplitudes}
         self.values = self.plant.starts() | fitted.values | self.off
@@ -316,6 +318,12 @@ class Batch:
     def change(self, moved: Mapping[str, float], nodes: np.ndarray) -> np.ndarray:
         """Change of the stacked residuals when some values (SI) are moved."""
         return self.fitted.response(self._run, self.plant, nodes, self.values | dict(moved)) - self.before
+
+
+def _plant_with(plant: Plant, effects: Sequence[Effect], order: Sequence[str]) -> Plant:
+    position = {name: i for i, name in enumerate(order)}
+    every = sorted([*plant.effects, *effects], key=lambda effect: position.get(effect.name, len(position)))
+    return Plant(plant.rig, plant.law.name, every)
 
 
 def _prior(item: Parameter) -> tuple[float, float]:

@@ -17,11 +17,12 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
+from pneuid.cores import threads
 from pneuid.effect import Effect, Parameter, Scope
 from pneuid.effects._spline import LEAST_FRICTION, Term, columns
 from pneuid.estimation.first_guess import BREAK_AWAY
 from pneuid.estimation.fit import Fit
-from pneuid.estimation.shooting import Shooting, relaxed_smoothing, threads
+from pneuid.estimation.shooting import Shooting, relaxed_smoothing
 from pneuid.mapped import Mapped
 from pneuid.physics.friction import Coefficients, FrictionLaw
 from pneuid.physics.smoothing import FINE, Expression
