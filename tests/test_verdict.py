@@ -58,6 +58,15 @@ def test_what_leaves_six_floors_and_a_twentieth_stands_beside_something_larger(b
 
 
 @pytest.mark.parametrize(
+    ("excused", "learned", "said"), [(True, True, "effect"), (False, True, "unknown"), (True, False, "unknown")]
+)
+def test_runs_of_which_noise_is_left_and_that_say_little_of_the_others_show_nothing_larger(excused, learned, said):
+    """Friction by pressure left noise of the training runs, and nine floors of held-out runs at other pressures."""
+    judge = SimpleNamespace(**vars(JUDGE) | {"explains": lambda _: excused, "learned": lambda _: learned})
+    assert said_of(370.0, 81.0, judge).verdict == said
+
+
+@pytest.mark.parametrize(
     ("before", "after", "by_all_runs", "said"),
     [
         (20.0, 9.0, False, "unknown"),  # 58 % of the excess, three floors
