@@ -244,8 +244,27 @@ def test_what_a_bench_shows_in_training_far_more_outvotes_what_the_held_out_runs
     current.fit.plant = SimpleNamespace(servo=servo, effects=())
     chosen = None if left is None else (score("friction_lag", 30.0), stub(left, 33_558.0, "friction_lag"))
     shown = score("friction_pressure", 12_600.0), stub(9.5, cost, "friction_pressure")
-    assert outvoted(chosen, [shown, *([chosen] if chosen else [])], current) is out
+    judge = SimpleNamespace(learned=lambda _: False)
+    assert outvoted(chosen, [shown, *([chosen] if chosen else [])], current, judge) is out
     if chosen is not None:
         chosen[1].fit.relaxed_cost = chosen[1].fit.loose_cost = cost + 50.0
         current.fit.relaxed_cost = current.fit.loose_cost = cost + 60.0
-        assert not outvoted(chosen, [shown, chosen], current), "six times as much, but no more than 50"
+        assert not outvoted(chosen, [shown, chosen], current, judge), "six times as much, but no more than 50"
+
+
+@pytest.mark.parametrize(
+    ("noise", "left", "cost", "out"),
+    [
+        (("friction_pressure",), 97.0, 9_570.0, True),
+        (("friction_pressure", "friction_viscous_nonlinear"), 97.0, 9_570.0, False),  # both leave noise alone
+        ((), 97.0, 9_570.0, False),
+        (("friction_pressure",), 70.0, 9_570.0, False),  # less than half is left
+        (("friction_pressure",), 97.0, 18_850.0, False),  # no cheaper than chance
+    ],
+)
+def test_the_only_one_that_leaves_noise_of_a_benchs_training_runs_outvotes_another_choice(noise, left, cost, out):
+    """Held-out runs at pressures that no training run shows: friction that bends took a third of 155 squared floors."""
+    judge = SimpleNamespace(learned=lambda trial: trial.added in noise)
+    chosen = score("friction_viscous_nonlinear", 10_700.0), stub(left, 18_900.0, "friction_viscous_nonlinear")
+    shown = score("friction_pressure", 20_000.0), stub(210.0, cost, "friction_pressure")
+    assert outvoted(chosen, [shown, chosen], stub(155.0, 29_557.0), judge) is out

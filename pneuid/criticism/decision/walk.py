@@ -101,7 +101,7 @@ class Walk(Ascent):
         tried, chosen = self._round(scores, tried)
         if self._take_two(tried, chosen):
             return True
-        chosen = None if outvoted(chosen, tried, self.current) else chosen
+        chosen = None if outvoted(chosen, tried, self.current, self.judge) else chosen
         at_break_away, named = chosen is None, len(self.named)
         before, alike_there = self.current, tried
         if at_break_away:
