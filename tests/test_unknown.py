@@ -17,7 +17,7 @@ from pneuid.criticism.prediction.frozen import Frozen
 from pneuid.criticism.prediction.noise_floor import noise_floor
 from pneuid.criticism.prediction.uncovered import outside, uncovered
 from pneuid.criticism.unknown.distil import _fitted, distilled
-from pneuid.criticism.unknown.function_search import Found, _with_second, judged, ranking, search
+from pneuid.criticism.unknown.function_search import Found, _with_second, judged, ranking, refitted, search
 from pneuid.criticism.unknown.probes import Probing
 from pneuid.criticism.unknown.rest import _unknown, explained
 from pneuid.effects import CATALOGUE
@@ -189,7 +189,10 @@ def test_effects_that_the_training_runs_hardly_show_give_way_to_what_they_show(t
     assert _stood_in("friction_viscous_nonlinear", 0.54, 0.53, took, monkeypatch).verdict == "effect"
 
 
-def _stood_in(effect: str, explains: float, alone: float, took: float, monkeypatch, near: bool = False) -> Diagnosis:
+def _stood_in(
+    effect: str, explains: float, alone: float, took: float, monkeypatch, near: bool = False, fitted=lambda found, *_: found
+) -> Diagnosis:
+    monkeypatch.setattr("pneuid.criticism.unknown.rest.refitted", fitted)
     names = tuple(effect.split())
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
     monkeypatch.setattr(
@@ -203,6 +206,33 @@ def _stood_in(effect: str, explains: float, alone: float, took: float, monkeypat
     best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE[name] for name in names]))
     best = replace(best, relaxed=replace(base.relaxed, cost=base.relaxed.cost - took * named.gain))
     return explained(Verdict(diagnosis, best, base, rungs, near=near), [held]).diagnosis
+
+
+@pytest.mark.parametrize(
+    ("names", "gain", "verdict"),
+    [
+        ("load_spring friction_direction", 1.01, "unknown"),
+        ("load_spring friction_direction", 0.99, "effect"),
+        ("load_spring", 1.01, "effect"),  # one effect stands where no more than that is gained
+    ],
+)
+def test_one_function_that_is_fitted_takes_the_place_of_two_effects_that_took_as_much(names, gain, verdict, monkeypatch):
+    """By the joint fit alone it took a tenth less than they, and left more."""
+
+    def fitted(found, *_):
+        return replace(found, after=2.0, gain=gain / 0.9 * found.gain)
+
+    assert _stood_in(names, 0.9, 0.95, 1.0 / 0.9, monkeypatch, fitted=fitted).verdict == verdict
+
+
+def test_a_fit_with_the_function_found_keeps_what_is_better(monkeypatch):
+    base, (_, held) = magnet()[0], magnet_runs()
+    found, floor = searched(), {"F": 1.0}
+    rough = replace(found, after=0.9 * found.before, gain=0.1 * found.gain)
+    better = refitted(rough, base, [held], floor)
+    assert better.after < 0.2 * found.before and better.gain > 0.9 * found.gain
+    assert better.joint is rough.joint
+    assert refitted(replace(found, after=0.0), base, [held], floor).after == 0.0
 
 
 @pytest.mark.parametrize(

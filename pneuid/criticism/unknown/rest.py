@@ -12,7 +12,7 @@ from pneuid.criticism.decision.diagnosis import Unknown
 from pneuid.criticism.decision.rounds import Say
 from pneuid.criticism.decision.verdict import Verdict
 from pneuid.criticism.prediction.uncovered import MUCH as UNCOVERED
-from pneuid.criticism.unknown.function_search import Found, search
+from pneuid.criticism.unknown.function_search import Found, refitted, search
 from pneuid.estimation.fit import comparable_costs
 from pneuid.recording import Recording
 
@@ -22,8 +22,10 @@ is said to be missing although the held-out runs do not bear it out: what little
 in for it."""
 
 MORE = 1.1
-"""Times what the effects took of the training cost that a function must take to take their place: a tube's delay at a wrong
-break-away left 11 % of the held-out excess and a valve's gain over u 3 %, but that took 0.99 of what the delay did."""
+"""Times what an effect took of the training cost that a function must take to take its place: a tube's delay at a wrong
+break-away left 11 % of the held-out excess and a valve's gain over u 3 %, but that took 0.99 of what the delay did. A function
+in place of several effects on several equations need only take as much as they: of a valve whose ports saturate a delay and a
+leak at null took 0.997 of what its gain over u did, and left five times as much held out."""
 
 LITTLE, MUCH = 0.05, 0.25
 """Shares of the held-out excess left by accepted effects, above which a term of another equation may take their place, and
@@ -70,10 +72,14 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
     if diagnosis.effects and (minor or constant or (left > LITTLE * excess and not verdict.near)):
         alone = search(verdict.base, hold_out, floor, say)
         # of its own equation it is what their form lacks; but one function for several effects of several equations is plainer
-        elsewhere = _other(alone, theirs) or len(theirs) > 1
+        several = len(theirs) > 1
+        elsewhere = several or _other(alone, theirs)
+        if several and alone.explained > NEARLY_ALL and not _takes_place(verdict, alone, left, excess, several):
+            say(f"refitting with {', '.join(term.name for term in alone.joint.terms)}")
+            alone = refitted(alone, verdict.base, hold_out, floor)
         if alone.explains and (
             (constant and _holds_the_constant(verdict, alone, left))
-            or ((minor or much or elsewhere) and _takes_place(verdict, alone, left, excess))
+            or ((minor or much or elsewhere) and _takes_place(verdict, alone, left, excess, several))
         ):
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
             found = replace(
@@ -129,8 +135,10 @@ def _other(found: Found, equations: set[str]) -> bool:
     return found.joint.terms[0].equation not in equations
 
 
-def _takes_place(verdict: Verdict, alone: Found, left: float, excess: float) -> bool:
+def _takes_place(verdict: Verdict, alone: Found, left: float, excess: float, several: bool) -> bool:
     """Whether a term beside no effect explains clearly more than effects that leave that much of the squared ``excess``.
+
+    several : whether these act in several equations.
 
     What explains nearly all need only explain more, unless the effects do so as well, and so need what the training runs show
     far more than the effects: these may have helped by chance. Of a function whose signal leaves its range in the held-out runs
@@ -138,7 +146,7 @@ def _takes_place(verdict: Verdict, alone: Found, left: float, excess: float) -> 
     """
     without, with_them = comparable_costs(verdict.base, verdict.best)
     far_more = alone.gain > TIMES * (without - with_them)
-    known = far_more or (alone.beyond < UNCOVERED and alone.gain > MORE * (without - with_them))
+    known = far_more or (alone.beyond < UNCOVERED and alone.gain > (1.0 if several else MORE) * (without - with_them))
     plainer = alone.explained > NEARLY_ALL and left > (1.0 - NEARLY_ALL) * excess
     return known and alone.after - 1.0 < (1.0 if plainer or far_more else HALF) * left
 
