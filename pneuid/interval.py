@@ -287,7 +287,7 @@ def _in_lanes(
     return {part: _part(plant, selected, part) for body in bodies.values() for part in body.parts}, bodies
 
 
-@once_per_structure(256)
+@once_per_structure(128)
 def begin(plant: Plant, selected: tuple[str, ...], samples: int, names: tuple[str, ...] = _USUAL) -> None:
     """Start compiling what the functions ``names`` of a plant will need, beside what else is done, whatever their substeps."""
     begin_side_by_side(*_in_lanes(plant, selected, samples, names), PREFIX)

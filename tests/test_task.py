@@ -120,6 +120,7 @@ def test_the_step_of_a_refit_gets_at_most_twice_as_fine_as_what_it_starts_from(w
     monkeypatch.setattr("pneuid.estimation.task.substeps_needed", lambda *_: 7)
     monkeypatch.setattr(Task, "ranges", {})
     monkeypatch.setattr(Task, "guess", {})
+    monkeypatch.setattr(fitting, "begin_fit", lambda *_: None)
     monkeypatch.setattr(fitting, "relaxed_fit", solved)
     monkeypatch.setattr(fitting, "tightly", solved)
     run = SimpleNamespace(data=np.full((1, 9), 1e-3), recording=None)

@@ -78,8 +78,8 @@ class EndCushion(Effect):
             Parameter("cushion_2", "a_2", "1", 0.0, 0.95, 0.0, 0.2, _SOURCE, off=0.0),
             Parameter("L_cushion", "L", "m", 2e-3, 0.1, 0.025, 1.0, _SOURCE, positive=True, prior=0.7),
             Parameter("tau_check", "tau_c", "s", 5e-4, 0.05, 1e-3, 1.0, _SOURCE, positive=True, prior=1.0),
-            Parameter("tau_needle_1", "tau_1", "s", 5e-3, 20.0, 0.4, 1.0, _NEEDLE, positive=True, prior=1.5),
-            Parameter("tau_needle_2", "tau_2", "s", 5e-3, 20.0, 0.4, 1.0, _NEEDLE, positive=True, prior=1.5),
+            Parameter("tau_needle_1", "tau_1", "s", 5e-3, 20.0, 0.2, 1.0, _NEEDLE, positive=True, prior=1.5),
+            Parameter("tau_needle_2", "tau_2", "s", 5e-3, 20.0, 0.2, 1.0, _NEEDLE, positive=True, prior=1.5),
         )
 
     def _sides(self, scope: Scope) -> tuple[_Side, _Side]:
