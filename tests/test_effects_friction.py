@@ -12,6 +12,7 @@ from helpers import RANGES, rig, step_function, values_of
 from hypothesis import given, settings
 from hypothesis import strategies as some
 from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
 
 from pneuid import api
 from pneuid.effect import Effect
@@ -59,12 +60,37 @@ def moved(
 @pytest.mark.parametrize("power", [0.4, 1.0, 2.0])
 def test_viscous_force_grows_with_the_power_of_the_speed(power):
     plant = plant_with("friction_viscous_nonlinear")
-    theta = plant.theta(values_of(plant, BASE | {"d_viscous": power}), RANGES)
+    theta = plant.theta(values_of(plant, BASE | {"d_viscous": power, "v_knee": 1e-3}), RANGES)
     for v in (0.05, 0.1, 0.4, -0.4):
         at = plant.evaluate([0.0], [0.25, v, 0.0, 1.2e5, 1.2e5], theta)
         expected = 45.0 * v * (abs(v) / 0.1) ** (power - 1)
         # the rounding below 1 mm/s reaches a few times 1e-4 at 50 mm/s
         assert float(at.coefficients.sigma2) * v == pytest.approx(expected, rel=3e-4)
+
+
+@pytest.mark.parametrize(("power", "knee"), [(0.4, 0.05), (1.0, 0.3), (2.5, 0.2)])
+def test_below_the_knee_viscous_force_is_in_proportion_to_speed(power, knee):
+    plant = plant_with("friction_viscous_nonlinear")
+    theta = plant.theta(values_of(plant, BASE | {"d_viscous": power, "v_knee": knee}), RANGES)
+    slope = {v: float(plant.evaluate([0.0], [0.25, v, 0.0, 1.2e5, 1.2e5], theta).coefficients.sigma2) for v in SPEEDS}
+    assert slope[0.1] == pytest.approx(45.0) and slope[-0.1] == slope[0.1]
+    assert slope[1e-3] == pytest.approx(slope[2e-3], rel=2e-3)
+    assert slope[40.0] / slope[20.0] == pytest.approx(2.0 ** (power - 1.0), rel=1e-3)
+
+
+def test_half_a_power_above_a_knee_is_nearly_the_film_of_eyring():
+    """``F_v asinh(v/v_0)`` over speeds up to twice its own, within 1 % of the largest force."""
+    v = np.linspace(0.0, 0.56, 200)
+    asked = np.arcsinh(v / 0.278)
+
+    def left(at):
+        found = v * (v * v + at[1] ** 2) ** (0.5 * (at[0] - 1.0))
+        return at[2] * found - asked
+
+    assert np.max(np.abs(left(least_squares(left, [0.5, 0.3, 3.0]).x))) < 0.01 * asked[-1]
+
+
+SPEEDS = (1e-3, 2e-3, 0.1, -0.1, 20.0, 40.0)
 
 
 # --- dwell ---

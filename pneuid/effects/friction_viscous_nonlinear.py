@@ -10,19 +10,20 @@ from pneuid.effect import Effect, Parameter, Scope
 from pneuid.physics.friction import Coefficients, FrictionLaw
 from pneuid.rig import Rig
 
-_SOURCE = "Bo, Pavelescu, Wear 82 (1982) 277 (friction-speed relation with a power of the speed)"
+_SOURCE = "Carreau, Trans. Soc. Rheology 16 (1972) 99 (viscosity over the rate of shear)"
+
+_POWER = "Bo, Pavelescu, Wear 82 (1982) 277 (friction-speed relation with a power of the speed)"
 
 _REFERENCE_SPEED = 0.1
 """Speed in m/s at which the viscous force is ``sigma2 v`` whatever the power."""
 
-_LOWEST_SPEED = 1.0e-3
-"""Speed in m/s below which the viscous coefficient stays finite; a power below 1 would make it infinite at rest."""
-
 
 class FrictionViscousNonlinear(Effect):
-    """``sigma2 v (|v|/v0)^(d - 1)`` with ``v0 = 0.1 m/s``, ``|v|`` rounded over 1 mm/s; ``d = 1`` is the linear law.
+    """``sigma2 v ((v^2 + v_k^2)/(v0^2 + v_k^2))^((d - 1)/2)``, ``v0 = 0.1 m/s``; ``d = 1`` is the linear law.
 
-    Typical: 0.3 to 0.8 for thin oil films under elastomer lips (their thickness grows with speed), above 1 with air drag.
+    Below the knee ``v_k`` in proportion to speed, far above it with the power ``d``; half a power above 0.3 m/s is nearly
+    Eyring's ``asinh(v/(0.28 m/s))``. Typical: d 0.3 to 0.8 for thin oil films under elastomer lips (their thickness grows with
+    speed, and they thin under shear), 2 and above with air drag; v_k 1 mm/s to 0.3 m/s.
     """
 
     name = "friction_viscous_nonlinear"
@@ -34,10 +35,14 @@ class FrictionViscousNonlinear(Effect):
     guarantees = ("dissipative",)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """The power of the speed."""
-        return (Parameter("d_viscous", "δ_v", "1", 0.2, 3.0, 1.0, 0.2, _SOURCE, off=1.0),)
+        """The power of the speed, and the speed from which it holds."""
+        return (
+            Parameter("d_viscous", "δ_v", "1", 0.0, 3.0, 1.0, 0.2, _POWER, off=1.0),
+            Parameter("v_knee", "v_k", "m/s", 1e-3, 3.0, 0.02, 1.0, _SOURCE, positive=True, prior=1.5),
+        )
 
     def coefficients(self, k: Coefficients, scope: Scope) -> Coefficients:
         """Scale ``sigma2`` by the power of the speed."""
-        squared = (scope.v * scope.v + _LOWEST_SPEED**2) / _REFERENCE_SPEED**2
+        knee = scope.p.v_knee * scope.p.v_knee
+        squared = (scope.v * scope.v + knee) / (_REFERENCE_SPEED**2 + knee)
         return replace(k, sigma2=k.sigma2 * ca.exp(0.5 * (scope.p.d_viscous - 1.0) * ca.log(squared)))
