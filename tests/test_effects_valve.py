@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers import rig
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from operating import at, followed, plant_with
 
@@ -40,6 +40,23 @@ def test_the_two_sides_pass_flows_in_the_ratio_of_their_conductances_up_to_full_
             assert float(getattr(with_it, flow)) / float(getattr(without, flow)) == pytest.approx(
                 1 + sign * a, abs=1e-4
             )
+
+
+@given(st.lists(st.floats(0.5, 1.5), min_size=4, max_size=4), st.floats(0.5, 9.0))
+def test_any_four_edges_have_a_side_a_supply_and_a_port_that_set_them_apart(edges, u):
+    """Three numbers and the common conductance are four conductances, unless both sides are alike."""
+    supply_1, exhaust_2, supply_2, exhaust_1 = edges
+    mean = sum(edges) / 4.0
+    a = (supply_1 + exhaust_2 - supply_2 - exhaust_1) / (4.0 * mean)
+    assume(abs(a) > 0.02)
+    e = (supply_1 - exhaust_2 + supply_2 - exhaust_1) / (4.0 * mean) / a
+    t = (supply_1 - exhaust_2 - supply_2 + exhaust_1) / (4.0 * mean) / a
+    plant, bare = plant_with("valve_asymmetry"), plant_with()
+    values = {"asymmetry": a, "asymmetry_supply": e, "asymmetry_port": t}
+    for sign, one, two in ((1.0, supply_1, exhaust_2), (-1.0, exhaust_1, supply_2)):
+        with_it, without = at(plant, {"u": sign * u}, values), at(bare, {"u": sign * u})
+        for flow, edge in (("mdot1", one), ("mdot2", two)):
+            assert float(getattr(with_it, flow)) / float(getattr(without, flow)) == pytest.approx(edge / mean, abs=1e-4)
 
 
 # --- dead zone ---

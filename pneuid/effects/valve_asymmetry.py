@@ -4,16 +4,26 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pneuid.effect import Effect, Parameter, Scope
+import casadi as ca
+
+from pneuid.effect import Effect, Expression, Parameter, Scope
 from pneuid.physics.friction import FrictionLaw
 from pneuid.physics.valve import Edges
 from pneuid.rig import Rig
 
 _SOURCE = "ISO 6358-1:2013, clause 5 (each flow path has its own conductance); Beater, Pneumatic Drives 2007, chapter 5"
 
+_LEAST = 0.02
+"""Smallest share of an edge's conductance."""
+
 
 class ValveAsymmetry(Effect):
-    """Conductance ``C (1 + a)`` of the edges used above null, ``C (1 - a)`` of those used below, up to full opening."""
+    """Edges of ``C (1 + a (1 + e + t))`` (P-1), ``C (1 + a (1 - e - t))`` (2-R), ``C (1 - a (1 - e + t))`` (P-2) and
+    ``C (1 - a (1 + e - t))`` (1-R), up to full opening.
+
+    ``a`` is half the relative difference between the edges used above null and those used below; of that size ``e`` sets the
+    supply edges apart from the exhaust edges, and ``t`` those of port 1 from those of port 2. Typical: a 2 to 10 %.
+    """
 
     name = "valve_asymmetry"
     mechanism = "the metering edges for the two directions differ, so that the same command passes different flows"
@@ -24,16 +34,25 @@ class ValveAsymmetry(Effect):
     rigs = ("servo",)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Half the relative difference of the two sides."""
-        return (Parameter("asymmetry", "a_v", "1", -0.8, 0.8, 0.0, 0.05, _SOURCE, off=0.0),)
+        """Half the relative difference of the two sides, and how unlike the two edges of a side are."""
+        return (
+            Parameter("asymmetry", "a_v", "1", -0.8, 0.8, 0.0, 0.05, _SOURCE, off=0.0),
+            Parameter("asymmetry_supply", "e_v", "1", -2.0, 2.0, 0.0, 1.0, _SOURCE, prior=0.5),
+            Parameter("asymmetry_port", "t_v", "1", -2.0, 2.0, 0.0, 1.0, _SOURCE, prior=0.5),
+        )
 
     def edges(self, edges: Edges, scope: Scope) -> Edges:
         """Widen the paths of one direction by what those of the other lose."""
-        up, down = 1.0 + scope.p.asymmetry, 1.0 - scope.p.asymmetry
+        a, e, t = scope.p.asymmetry, scope.p.asymmetry_supply, scope.p.asymmetry_port
         return replace(
             edges,
-            supply_1=up * edges.supply_1,
-            exhaust_2=up * edges.exhaust_2,
-            supply_2=down * edges.supply_2,
-            exhaust_1=down * edges.exhaust_1,
+            supply_1=_of(1.0 + a * (1.0 + e + t)) * edges.supply_1,
+            exhaust_2=_of(1.0 + a * (1.0 - e - t)) * edges.exhaust_2,
+            supply_2=_of(1.0 - a * (1.0 - e + t)) * edges.supply_2,
+            exhaust_1=_of(1.0 - a * (1.0 + e - t)) * edges.exhaust_1,
         )
+
+
+def _of(share: Expression) -> Expression:
+    """An edge's share of the conductance, which a solver's trial point may take below zero."""
+    return ca.fmax(share, _LEAST)
