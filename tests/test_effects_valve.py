@@ -66,8 +66,12 @@ def test_any_four_edges_have_a_side_a_supply_and_a_port_that_set_them_apart(edge
 def test_within_its_laps_the_valve_opens_nothing_and_beyond_what_is_left(d, skew, u):
     sharp = {"dead_zone": d, "lap_skew": skew, "lap_edge": 1e-3}
     above, below, s = d * (1.0 + skew), d * (1.0 - skew), 0.1 * u
-    expected = max(s - above, 0.0) - max(-s - below, 0.0)
-    assert float(at(plant_with("valve_dead_zone"), {"u": u}, sharp).opening) == pytest.approx(expected, abs=1.01e-3 * d)
+    expected = (1.0 - d) * (max(s - above, 0.0) / (1.0 - above) - max(-s - below, 0.0) / (1.0 - below))
+    plant = plant_with("valve_dead_zone")
+    assert float(at(plant, {"u": u}, sharp).opening) == pytest.approx(expected, abs=1.2e-3 * d)
+    # both sides are open as far at full command
+    full = [float(at(plant, {"u": command}, sharp).opening) for command in (10.0, -10.0)]
+    assert full == pytest.approx([1.0 - d, d - 1.0], abs=1.2e-3 * d)
 
 
 @given(st.floats(0.01, 0.2), st.floats(0.05, 0.5))

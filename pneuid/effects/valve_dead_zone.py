@@ -13,9 +13,10 @@ _SOURCE = "Valdiero, Ritter, Rios, Rafikov, Math. Problems in Engineering 2011, 
 
 
 class ValveDeadZone(Effect):
-    """Opening 0 while ``-d (1 - a) < s < d (1 + a)``, ``s`` less that beyond, edges rounded over ``e d``.
+    """Opening 0 while ``-d (1 - a) < s < d (1 + a)``, beyond in proportion to what is left, edges rounded over ``e d``.
 
-    Laps are never quite equal, nor sharp: a port is round, an edge chamfered.
+    Laps are never quite equal, nor sharp: a port is round, an edge chamfered. At full command both sides are open as far, by
+    ``1 - d``.
     """
 
     name = "valve_dead_zone"
@@ -39,4 +40,5 @@ class ValveDeadZone(Effect):
         p = scope.p
         width = ca.sqrt(scope.smoothing.opening**2 + (p.lap_edge * p.dead_zone) ** 2)
         above, below = p.dead_zone * (1.0 + p.lap_skew), p.dead_zone * (1.0 - p.lap_skew)
-        return positive_part(opening - above, width) - positive_part(-opening - below, width)
+        up, down = positive_part(opening - above, width), positive_part(-opening - below, width)
+        return (1.0 - p.dead_zone) * (up / (1.0 - above) - down / (1.0 - below))
