@@ -86,9 +86,8 @@ def compiled_library(source: str, prefix: str) -> Path | None:
         return None
     library = _library(source, prefix, tool)
     begun = _BEGUN.pop((os.getpid(), library), None)
-    if begun is not None:
-        begun.result()
-    return library if library.exists() or _build(tool[0], source, library) else None
+    built = library.exists() or (_build(tool[0], source, library) if begun is None else begun.result())
+    return library if built else None
 
 
 def begin(source: str, prefix: str) -> None:

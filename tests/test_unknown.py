@@ -225,7 +225,7 @@ def test_one_function_that_is_fitted_takes_the_place_of_two_effects_that_took_as
     assert _stood_in(names, 0.9, 0.95, 1.0 / 0.9, monkeypatch, fitted=fitted).verdict == verdict
 
 
-def test_a_fit_with_the_function_found_keeps_what_is_better(monkeypatch):
+def test_a_fit_with_the_function_found_keeps_what_is_better():
     base, (_, held) = magnet()[0], magnet_runs()
     found, floor = searched(), {"F": 1.0}
     rough = replace(found, after=0.9 * found.before, gain=0.1 * found.gain)

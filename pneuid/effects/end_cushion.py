@@ -56,10 +56,10 @@ class EndCushion(Effect):
 
     The ring's pressure ``p + dp`` is no sensor's: it brakes with ``a A dp``, rises as the ring is compressed, drains through a
     needle, and what is left of the chamber empties the faster for it. A check valve lets air in, within ``tau_c``. The needle
-    is an orifice by ISO 6358-1: ``tau = a A L / (n R T C rho_0)`` is the time constant of the ring at the cushion's entry while
-    the flow is choked; it drains ``psi / (1 - r)`` times as fast, ``r = p/(p + dp)``. ``a_1, dp_1, tau_1`` are those of the cap
-    end (chamber 1), ``a_2, dp_2, tau_2`` of the rod end. ``s = 1/(1 + exp((distance - L)/(0.5 mm)))`` shuts. Typical: a 0.6 to
-    0.9, L 10 to 30 mm, tau 50 ms to 2 s, tau_c 1 to 5 ms.
+    is an orifice by ISO 6358-1: ``tau = a A L / (n R T C rho_0)`` is the time constant of a ring beside a far larger chamber
+    at the cushion's entry, while the flow is choked; it drains ``psi / (1 - r)`` times as fast, ``r = p/(p + dp)``. ``a_1,
+    dp_1, tau_1`` are those of the cap end (chamber 1), ``a_2, dp_2, tau_2`` of the rod end. ``s = 1/(1 + exp((distance - L)/
+    (0.5 mm)))`` shuts. Typical: a 0.6 to 0.9, L 10 to 30 mm, tau 50 ms to 2 s, tau_c 1 to 5 ms.
     """
 
     name = "end_cushion"
@@ -83,33 +83,13 @@ class EndCushion(Effect):
         )
 
     def _sides(self, scope: Scope) -> tuple[_Side, _Side]:
-        rig, state, length = scope.rig, scope.state, scope.p.L_cushion
-
-        def side(
-            share: Expression, tau: Expression, over: Expression, p: Expression, mdot: Expression, V: Expression,
-            room: Expression, A: Expression, speed: Expression,
-        ) -> _Side:  # fmt: skip
-            shut = 0.5 * (1.0 - ca.tanh((room - length) / (2 * _EDGE)))
-            trapped = 0.5 * (1.0 + ca.tanh((over + _CRACKS) / _CHECK))
-            room = ca.fmax(room, 0.0) + _CLEARANCE
-            ring = share * A * room
-            rest, entering = V - ring, R_AIR * rig.T * mdot
-            smaller = scope.n / rest * (entering - p * (1.0 - share) * A * speed)
-            whole = scope.n / V * (entering - p * A * speed)
-            needle = shut * (length + _CLEARANCE) / (room * tau) * _eased(over, p)
-            exchange = needle + (1.0 - shut) / _OPEN + (1.0 - trapped) / scope.p.tau_check
-            pressed = -scope.n * speed / room
-            return _Side(
-                ring / V, over, exchange, shut * pressed, shut * (p * pressed - smaller), shut * (smaller - whole)
-            )  # fmt: skip
-
+        rig, p, state = scope.rig, scope.p, scope.state
         return (
-            side(
-                scope.p.cushion_1, scope.p.tau_needle_1, state.dp_ring_1, scope.p1, scope.mdot1, scope.V1, scope.x, rig.A1,
-                scope.v,
+            _side(
+                scope, p.cushion_1, p.tau_needle_1, state.dp_ring_1, scope.p1, scope.mdot1, scope.V1, scope.x, rig.A1, scope.v
             ),
-            side(
-                scope.p.cushion_2, scope.p.tau_needle_2, state.dp_ring_2, scope.p2, scope.mdot2, scope.V2, rig.stroke - scope.x,
+            _side(
+                scope, p.cushion_2, p.tau_needle_2, state.dp_ring_2, scope.p2, scope.mdot2, scope.V2, rig.stroke - scope.x,
                 rig.A2, -scope.v,
             ),
         )  # fmt: skip
@@ -131,6 +111,26 @@ class EndCushion(Effect):
             source = of.left_behind + of.squeezed * of.over
             found[own.name] = source / of.exchange, 1.0 / of.exchange
         return found
+
+
+def _side(
+    scope: Scope, share: Expression, tau: Expression, over: Expression, p: Expression, mdot: Expression, V: Expression,
+    room: Expression, A: Expression, speed: Expression,
+) -> _Side:  # fmt: skip
+    """One end with ``room`` (m) left before it, which the piston leaves at ``speed``: its chamber's ``p, mdot, V, A``, the
+    ring's overpressure ``over``, and the end's own ``share`` and ``tau``."""
+    length = scope.p.L_cushion
+    shut = 0.5 * (1.0 - ca.tanh((room - length) / (2 * _EDGE)))
+    trapped = 0.5 * (1.0 + ca.tanh((over + _CRACKS) / _CHECK))
+    room = ca.fmax(room, 0.0) + _CLEARANCE
+    ring = share * A * room
+    rest, entering = V - ring, R_AIR * scope.rig.T * mdot
+    smaller = scope.n / rest * (entering - p * (1.0 - share) * A * speed)
+    whole = scope.n / V * (entering - p * A * speed)
+    needle = shut * (length + _CLEARANCE) / (room * tau) * _eased(over, p)
+    exchange = needle + (1.0 - shut) / _OPEN + (1.0 - trapped) / scope.p.tau_check
+    pressed = -scope.n * speed / room
+    return _Side(ring / V, over, exchange, shut * pressed, shut * (p * pressed - smaller), shut * (smaller - whole))
 
 
 def _eased(over: Expression, p: Expression) -> Expression:

@@ -9,6 +9,7 @@ import numpy as np
 
 from pneuid.criticism.prediction.frozen import Frozen
 from pneuid.criticism.prediction.horizons import predict, typical
+from pneuid.criticism.screening.scores import in_order
 from pneuid.effect import Effect
 from pneuid.estimation.first_guess import BREAK_AWAY, first_guess, motions
 from pneuid.estimation.fit import Fit, comparable_costs, fit, near
@@ -190,7 +191,6 @@ def on_runs(base: Standing, runs: Sequence[Run], monitor: Monitor | None = None)
 
 def _plant_with(base: Standing, asked: Asked, order: Sequence[str]) -> tuple[Plant, dict[str, float]]:
     """The plant with the effect, or with the richer law that it stands for, and the values to start from."""
-    position = {name: i for i, name in enumerate(order)}
     law, values = base.plant.law.name, {**base.values, **asked.start}
     standing = list(base.plant.effects)
     if asked.effect.richer_law:
@@ -198,7 +198,7 @@ def _plant_with(base: Standing, asked: Asked, order: Sequence[str]) -> tuple[Pla
         values |= asked.effect.law_start(base.values, asked.start, base.plant.rig)
     else:
         standing.append(asked.effect)
-    plant = Plant(base.plant.rig, law, sorted(standing, key=lambda effect: position.get(effect.name, len(position))))
+    plant = Plant(base.plant.rig, law, in_order(standing, order))
     return plant, {name: value for name, value in values.items() if name in plant.parameter_names}
 
 

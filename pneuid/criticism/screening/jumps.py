@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pneuid.criticism.screening.scores import Batch, Fitted, Score, batches
+from pneuid.criticism.screening.scores import Batch, Fitted, Score, batches, in_order
 from pneuid.effect import Effect, Parameter
 from pneuid.estimation.fit import Fit
 
@@ -47,8 +47,7 @@ def jumped(
     fitted = Fitted(fit)
     found: dict[str, Jump] = {}
     little = max(NOTHING, HARDLY * max((score.drop for score in scores), default=0.0))
-    position = {name: i for i, name in enumerate(order)}
-    every = sorted((score.effect for score in scores), key=lambda effect: position.get(effect.name, len(position)))
+    every = in_order((score.effect for score in scores), order)
     for batch in batches(fit.plant, every):  # those of the screening, whose plants are compiled already
         wanted = [effect for effect in batch if effect.name in sizes]
         if wanted:

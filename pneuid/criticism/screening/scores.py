@@ -9,7 +9,7 @@ of the time that derivatives by every effect of the catalogue take.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -321,9 +321,13 @@ class Batch:
 
 
 def _plant_with(plant: Plant, effects: Sequence[Effect], order: Sequence[str]) -> Plant:
+    return Plant(plant.rig, plant.law.name, in_order([*plant.effects, *effects], order))
+
+
+def in_order(effects: Iterable[Effect], order: Sequence[str]) -> list[Effect]:
+    """The effects in the catalogue's ``order`` of names, those that it does not hold last."""
     position = {name: i for i, name in enumerate(order)}
-    every = sorted([*plant.effects, *effects], key=lambda effect: position.get(effect.name, len(position)))
-    return Plant(plant.rig, plant.law.name, every)
+    return sorted(effects, key=lambda effect: position.get(effect.name, len(position)))
 
 
 def _prior(item: Parameter) -> tuple[float, float]:

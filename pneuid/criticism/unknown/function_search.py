@@ -132,7 +132,7 @@ def search(fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float], 
 def refitted(found: Found, fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float]) -> Found:
     """What the search has found, its cost and held-out error those of a fit of the model with its terms, where these are less.
 
-    The joint fit moves along the base model's derivatives: of a valve whose ports saturate it left four times as much.
+    The joint fit moves along the base model's derivatives: of a valve whose ports saturate it left three times as much.
     """
     plant, start = _with_terms(fit, found.joint)
     end = relaxed(plant, [run.recording for run in fit.runs], start, fit.noise, exact=False, prepared=fit.runs, again=True)
