@@ -74,6 +74,24 @@ def test_within_its_laps_the_valve_opens_nothing_and_beyond_what_is_left(d, skew
     assert full == pytest.approx([1.0 - d, d - 1.0], abs=1.2e-3 * d)
 
 
+@given(st.floats(0.01, 0.2), st.lists(st.floats(0.6, 1.4), min_size=4, max_size=4), st.floats(-10.0, 10.0))
+def test_each_edge_opens_past_its_own_lap_and_all_as_far_at_full_command(d, laps, u):
+    """Three numbers and the mean are four laps."""
+    supply_1, exhaust_2, supply_2, exhaust_1 = (lap * d * 4.0 / sum(laps) for lap in laps)
+    shares = {
+        "lap_skew": (supply_1 + exhaust_2 - supply_2 - exhaust_1) / (4.0 * d),
+        "lap_supply": (supply_1 - exhaust_2 + supply_2 - exhaust_1) / (4.0 * d),
+        "lap_port": (supply_1 - exhaust_2 - supply_2 + exhaust_1) / (4.0 * d),
+    }
+    s = 0.1 * u
+    edges = at(plant_with("valve_dead_zone"), {"u": u}, {"dead_zone": d, "lap_edge": 1e-3, **shares}).edges
+    for name, towards, lap in (
+        ("supply_1", s, supply_1), ("exhaust_2", s, exhaust_2), ("supply_2", -s, supply_2), ("exhaust_1", -s, exhaust_1)
+    ):  # fmt: skip
+        expected = (1.0 - d) * max(towards - lap, 0.0) / (1.0 - lap)
+        assert float(getattr(edges, name)) == pytest.approx(expected, abs=2e-3 * d + 2e-6)
+
+
 @given(st.floats(0.01, 0.2), st.floats(0.05, 0.5))
 def test_a_rounded_lap_opens_early_and_loses_nothing_far_beyond(d, edge):
     plant, rounded = plant_with("valve_dead_zone"), {"dead_zone": d, "lap_skew": 0.0, "lap_edge": edge}
