@@ -176,16 +176,18 @@ def test_a_tube_is_a_conductance_in_series_with_every_edge(u):
 
 @pytest.mark.parametrize("u", [7.0, -7.0])
 @pytest.mark.parametrize("v", [0.0, 0.3])
-def test_air_that_enters_and_air_that_leaves_have_exponents_of_their_own(u, v):
+@pytest.mark.parametrize("q", [1e-3, 0.2])
+def test_air_that_enters_and_air_that_leaves_have_exponents_of_their_own(u, v, q):
     d, n = 0.15, 1.2
-    stages = at(plant_with("inlet_mixing"), {"u": u, "v": v}, {"mixing": d, "n": n})
+    stages = at(plant_with("inlet_mixing"), {"u": u, "v": v}, {"mixing": d, "mixing_flow": q, "n": n})
+    choked = float(at(plant_with(), {"u": 10.0, "p1": rig().patm}).mdot1)  # at the rig's nominal supply
     for number, (p, V, V_rate, mdot) in enumerate(
         (
             (SERVO_POINT["p1"], rig().V01 + rig().A1 * 0.25, rig().A1 * v, float(stages.mdot1)),
             (SERVO_POINT["p2"], rig().V02 + rig().A2 * (rig().stroke - 0.25), -rig().A2 * v, float(stages.mdot2)),
         )
     ):
-        of_flow = n + d if mdot > 0 else n - d
+        of_flow = n + d * mdot / np.hypot(mdot, q * choked)
         expected = (of_flow * R_AIR * T * mdot - n * p * V_rate) / V
         assert float(stages.explicit[2 + number]) == pytest.approx(expected, rel=1e-6)
     assert float(stages.mdot1) * float(stages.mdot2) < 0, "one fills while the other empties"
