@@ -118,17 +118,22 @@ def test_a_perfect_wall_makes_it_isothermal_and_none_adiabatic(gas):
     assert T_rate / T == pytest.approx(-(GAMMA_AIR - 1.0) * V_rate / V, rel=1e-12)
 
 
-def test_the_effect_is_that_energy_balance_at_full_weight():
+@pytest.mark.parametrize(("stir", "dense"), [(0.01, 0.0), (8.0, 0.8)])
+def test_the_effect_is_that_energy_balance_at_full_weight(stir, dense):
     plant = plant_with("heat_transfer")
+    choked = float(at(plant_with(), {"u": 10.0, "p1": rig().patm}).mdot1)  # at the rig's nominal supply
     for u, v in ((4.0, 0.3), (-4.0, -0.3), (0.0, 0.2)):
         point = {"u": u, "v": v, "theta_1": 12.0, "theta_2": -9.0}
-        stages = at(plant, point, {"heat_weight": 1.0, "h_wall": 70.0, "n": GAMMA_AIR})
+        values = {"heat_weight": 1.0, "h_wall": 70.0, "h_stir": stir, "h_dense": dense, "n": GAMMA_AIR}
+        stages = at(plant, point, values)
         A1, A2 = rig().A1, rig().A2
         for i, (p, V, V_rate, A, mdot, excess) in enumerate((
             (4e5, rig().V01 + A1 * 0.25, A1 * v, A1, float(stages.mdot1), 12.0),
             (3e5, rig().V02 + A2 * 0.25, -A2 * v, A2, float(stages.mdot2), -9.0),
         )):  # fmt: skip
-            p_rate, T_rate = _rates((excess, p, V, V_rate, mdot, 70.0 * float(wall_area(V, A))))
+            moved = (abs(mdot) + abs(V_rate) * p / (R_AIR * T)) / choked
+            h = 70.0 * (1.0 + stir * moved) * (p / 4e5) ** dense
+            p_rate, T_rate = _rates((excess, p, V, V_rate, mdot, h * float(wall_area(V, A))))
             source, decay = stages.relaxing[1 + i]
             # the sign of the flow is rounded over a millionth of the full flow
             assert float(stages.explicit[2 + i]) == pytest.approx(p_rate, rel=1e-3)

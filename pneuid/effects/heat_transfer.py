@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import casadi as ca
+
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics import chamber
 from pneuid.physics.friction import FrictionLaw
-from pneuid.physics.smoothing import positive_part
+from pneuid.physics.gas import R_AIR
+from pneuid.physics.smoothing import absolute, positive_part
 from pneuid.rig import Rig
 
-_SOURCE = "Carneiro, de Almeida, Proc. IMechE Part I 220 (2006) 301 (full-order chamber model)"
+_SOURCE = (
+    "Carneiro, de Almeida, Proc. IMechE Part I 220 (2006) 301 (full-order chamber model); wall coefficient: Lienhard, "
+    "A Heat Transfer Textbook (5th ed. 2020), section 7.3 (Nu ~ Re^0.8: it grows with density and motion of the gas)"
+)
+
+_STATED_AT, _LEAST = 4e5, 1e4
+"""Absolute pressure in Pa at which ``h_0`` is stated, and the least that counts at a solver's trial point."""
 
 
 class HeatTransfer(Effect):
@@ -16,6 +25,9 @@ class HeatTransfer(Effect):
 
     ``e = 1, n = 1.4`` is the full energy balance with wall coefficient ``h``, ``e = 0`` the polytropic base. The homotopy
     ``(1-e) base + e balance`` is the same family: what it does to the first term is a change of ``n``, which stays free.
+
+    ``h = h_0 (1 + s w) (p / 4 bar)^a``: moving gas exchanges more, ``w`` being what flows through the port and what the piston
+    displaces, over the choked flow from the nominal supply through the fully open valve; ``a`` is 0.8 where it is turbulent.
     """
 
     name = "heat_transfer"
@@ -30,10 +42,13 @@ class HeatTransfer(Effect):
     states = (State("theta_1", "K", 0.0, 15.0, 3.0), State("theta_2", "K", 0.0, 15.0, 3.0))
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Weight of the energy balance and the wall coefficient; above 1 the weight absorbs what the wall area lacks."""
+        """Weight of the energy balance, above 1 absorbing what the wall area lacks; coefficient of the wall, its growth with
+        the motion of the gas and with its pressure."""
         return (
             Parameter("heat_weight", "e", "1", 0.0, 1.5, 0.0, 0.3, _SOURCE, off=0.0),
-            Parameter("h_wall", "h", "W/(m^2*K)", 1.0, 2e3, 50.0, 1.0, _SOURCE, positive=True, prior=1.5),
+            Parameter("h_wall", "h_0", "W/(m^2*K)", 1.0, 2e3, 50.0, 1.0, _SOURCE, positive=True, prior=1.5),
+            Parameter("h_stir", "s", "1", 1e-2, 300.0, 1.0, 1.0, _SOURCE, positive=True, prior=1.5),
+            Parameter("h_dense", "a", "1", -0.2, 1.0, 0.0, 0.3, _SOURCE, prior=0.3),
         )
 
     def _chambers(self, scope: Scope) -> list[tuple[Expression, ...]]:
@@ -45,7 +60,10 @@ class HeatTransfer(Effect):
             (state.theta_2, scope.p2, scope.V2, -rig.A2 * scope.v, scope.mdot2, rig.A2),
         ):
             filling, emptying = positive_part(mdot, width), positive_part(-mdot, width)
-            found.append((theta, p, V, V_rate, filling, emptying, scope.p.h_wall * chamber.wall_area(V, A)))
+            displaced = absolute(V_rate, scope.smoothing.speed * A) * p / (R_AIR * rig.T)
+            stirred = 1.0 + scope.p.h_stir * (filling + emptying + displaced) / scope.full_flow
+            h = scope.p.h_wall * stirred * (ca.fmax(p, _LEAST) / _STATED_AT) ** scope.p.h_dense
+            found.append((theta, p, V, V_rate, filling, emptying, h * chamber.wall_area(V, A)))
         return found
 
     def pressure_rates(self, rate1: Expression, rate2: Expression, scope: Scope) -> tuple[Expression, Expression]:
