@@ -102,6 +102,20 @@ def test_two_effects_are_not_taken_for_what_one_or_none_explains(tried, alone, e
     assert found is None
 
 
+@pytest.mark.parametrize(("turned", "kept"), [(2.2, 2.2), (900.0, 450.0)])
+def test_the_pair_is_fitted_from_where_its_second_effect_led_alone_as_well(turned, kept, monkeypatch):
+    """In place of a sensor's lag a silencer ended far off, and left 11.3 floors beside it; the other way round 1.5."""
+    tried = [ALONE[0], (score("valve_offset", 9e3), named_stub(6000.0, 30_000.0, "valve_offset"))]
+    ends = {
+        "sensor_offset_p1_and_leakage_internal": (840.0, 7_500.0), "sensor_offset_p1_and_valve_offset": (450.0, 7_000.0),
+        "valve_offset_and_sensor_offset_p1": (turned, 7_000.0),
+    }  # fmt: skip
+    by_error = {"fits": lambda trial: trial.error, "usually_fits": lambda trial: trial.error}
+    found, asked = _joined(monkeypatch, ends, tried, **by_error)
+    assert asked[-1] == "valve_offset, sensor_offset_p1"
+    assert found is not None and found.trial.error == kept and found.names == ["sensor_offset_p1", "valve_offset"]
+
+
 @pytest.mark.parametrize(("most", "taken"), [(0.05, True), (0.03, False)])
 def test_before_second_looks_two_effects_must_leave_next_to_nothing(most, taken, monkeypatch):
     """They leave 3.1 % of the excess."""

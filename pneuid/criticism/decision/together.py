@@ -14,7 +14,7 @@ from pneuid.criticism.decision.acceptance import LEAST_DROP, Tried, accepted, co
 from pneuid.criticism.decision.rounds import WORTH_ADDING, same_floor
 from pneuid.criticism.refitting.refits import Asked
 from pneuid.criticism.refitting.refitter import Refitter
-from pneuid.criticism.refitting.restarts import Say, read_anew
+from pneuid.criticism.refitting.restarts import Say, best_end, read_anew
 from pneuid.criticism.refitting.trial import Judge, Trial
 from pneuid.criticism.screening.scores import Score, screen
 from pneuid.effect import Effect
@@ -102,7 +102,7 @@ def together(
     if not pairs:
         return None
     second, best = min(pairs, key=lambda pair: pair[1].error)
-    found = [(alone, best)]
+    found = [(alone, _other_way_round(alone, second, best, tried, judge, refitter, say))]
     known = {**best.fit.problem.values, **best.fit.relaxed_values}
     start = {part: known[part] for part in second.whole_start}
     for score, other in firsts[1:]:
@@ -112,6 +112,23 @@ def together(
         found.append((score, judge.trial(make(), f"{score.effect.name}, {second.effect.name}")))
         _tell(found[-1][1], current, say)
     return second, sorted(found, key=lambda pair: pair[1].error)
+
+
+def _other_way_round(
+    first: Score, second: Score, both: Trial, tried: Tried, judge: Judge, refitter: Refitter, say: Say
+) -> Trial:
+    """The trial of ``both``, or of the same model from where the second of them led alone, where that was tried.
+
+    Alone the first may have ended where it stands in for the second: in place of a sensor's lag a silencer with a volume ended
+    five times as narrow and 140 times as slow as it was, and left 11.3 floors beside that lag.
+    """
+    alone = next((trial for score, trial in tried if score.effect.name == second.effect.name), None)
+    if alone is None or both.error - 1.0 < judge.small:
+        return both
+    (_, make), *_ = refitter.each(alone.fit, [Asked(first.effect, first.whole_start, first.gain)])
+    turned = judge.trial(make(), both.added)
+    say(f"the other way round: held-out error {np.sqrt(both.error):.2f} -> {np.sqrt(turned.error):.2f} floors")
+    return best_end([both, turned], judge)
 
 
 def _footholds(current: Trial, tried: Tried, judge: Judge) -> Tried:
