@@ -76,6 +76,35 @@ def test_beside_others_a_second_look_is_for_what_something_else_would_be_said_to
     assert walked._needs_second_looks(chosen) is looks
 
 
+@pytest.mark.parametrize(("fits", "looks"), [(441.0, True), (81.0, False)])
+def test_beside_others_a_second_look_is_for_training_runs_far_off_too(fits, looks, monkeypatch):
+    """A spring left 8 of 42 floors held out, but 21 of the training runs: a soft mounting was hidden beside it."""
+    monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
+    judge = SimpleNamespace(**{**vars(JUDGE), "usually_fits": lambda _: fits})
+    walked = walking(judge, current=stub(62.0, 28_700.0, "load_spring"))
+    walked.first = stub(1_760.0, 68_700.0)
+    assert walked._needs_second_looks(None) is looks
+
+
+@pytest.mark.parametrize(
+    ("error", "added", "drop", "looked_at"),
+    [
+        (8.1, "sensor_offset_p1", 50.0, ["mounting_compliance"]),
+        (3.8, "sensor_offset_p1", 50.0, []),  # less than two floors
+        (8.1, "sensor_offset_p1", 14.0, []),  # chance
+        (8.1, None, 50.0, []),
+    ],
+)
+def test_beside_others_that_leave_two_floors_what_promises_most_gets_a_second_look(error, added, drop, looked_at, monkeypatch):
+    """A soft mounting promised 0.2 % of the cost beside an offset that left 2.8 floors."""
+    monkeypatch.setattr(walk, "loudest", lambda _: 1.0)
+    walked = walking(current=stub(error, 25_900.0, added))
+    walked.first = stub(44.0, 29_400.0)
+    scores = [score("mounting_compliance", drop), score("friction_pressure", 0.5 * drop)]
+    assert [one.effect.name for one in walked._to_look_at_again(scores, None)] == looked_at
+    assert not walked._to_look_at_again(scores, (scores[0], stub(0.5 * error, 25_000.0))), "where nothing else helps"
+
+
 def test_rivals_explain_both_kinds_of_runs_alike_whatever_their_group():
     best = (score("valve_lag", 800.0), stub(1.0, 26_333.0))
     near = (score("line_delay", 790.0), stub(1.1, 26_343.0))

@@ -18,7 +18,7 @@ class InletMixing(Effect):
     """``dp/dt += Delta_n s R T mdot / V``: exponent ``n + Delta_n`` for air that enters, ``n - Delta_n`` for air that leaves.
 
     ``s = mdot / sqrt(mdot^2 + (q mdot_f)^2)``: a jet stirs the gas only from some flow on, a share ``q`` of the choked flow
-    ``mdot_f`` from the nominal supply through the fully open valve. The mean of both exponents stands in its conductance.
+    ``mdot_f`` from the nominal supply through the fully open valve. The mean of both stands in the valve's conductance.
     """
 
     name = "inlet_mixing"
