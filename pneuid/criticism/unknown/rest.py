@@ -9,6 +9,7 @@ import numpy as np
 
 from pneuid.criticism.decision.acceptance import LEAST_DROP
 from pneuid.criticism.decision.diagnosis import Unknown
+from pneuid.criticism.decision.leftover import FLOORS
 from pneuid.criticism.decision.rounds import Say
 from pneuid.criticism.decision.verdict import Verdict
 from pneuid.criticism.prediction.uncovered import MUCH as UNCOVERED
@@ -30,7 +31,9 @@ leak at null took 0.997 of what its gain over u did, and left five times as much
 LITTLE, MUCH = 0.05, 0.25
 """Shares of the held-out excess left by accepted effects, above which a term of another equation may take their place, and
 above which any may: below that, a term of their own equation is what their form lacks. Above the second a term of another
-equation that explains nearly all of what they leave makes the verdict ``unknown``: the larger part is not in the catalogue."""
+equation that explains nearly all of what they leave makes the verdict ``unknown``: the larger part is not in the catalogue.
+Effects of several equations may leave less, where that is many floors: of a relief valve a leak and heat at the walls left
+4.6 %, but 36 floors."""
 
 NEARLY_ALL, HALF = 0.9, 0.5
 """To take their place it must alone explain more than the first share of the excess, and more than they do, or leave less than
@@ -69,10 +72,11 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
     theirs, constant = {item.equation for item in standing}, bool(standing) and all(item.constant for item in standing)
     # effects that explain a good part of the held-out excess stand; what explains little may stand in for the rest
     minor, much, alone = diagnosis.verdict == "unknown", left > MUCH * excess, None
-    if diagnosis.effects and (minor or constant or (left > LITTLE * excess and not verdict.near)):
+    # of its own equation it is what their form lacks; but one function for several effects of several equations is plainer
+    several = len(theirs) > 1
+    worth = left > LITTLE * excess or (several and left > FLOORS**2)
+    if diagnosis.effects and (minor or constant or (worth and not verdict.near)):
         alone = search(verdict.base, hold_out, floor, say)
-        # of its own equation it is what their form lacks; but one function for several effects of several equations is plainer
-        several = len(theirs) > 1
         elsewhere = several or _other(alone, theirs)
         if several and alone.explained > NEARLY_ALL and not _takes_place(verdict, alone, left, excess, several):
             say(f"refitting with {', '.join(term.name for term in alone.joint.terms)}")
