@@ -6,7 +6,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from trials import FIRST, Counting, score, stub
+from trials import FIRST, JUDGE, Counting, score, stub
 
 from pneuid.criticism.decision import rounds
 from pneuid.criticism.refitting.trial import Trial
@@ -219,3 +219,79 @@ def test_on_a_servo_rig_a_second_look_keeps_break_away_as_it_stood_first(servo, 
     monkeypatch.setattr(FIRST.fit.plant, "servo", servo)
     refitter, _ = _looks(monkeypatch, {"gravity": (140.0, 27_000.0)}, [score("gravity", 5.0)])
     assert [one.anew for one in refitter.asked] == anew and all(one.way == 1.0 for one in refitter.asked)
+
+
+@pytest.mark.parametrize(
+    ("error", "loud", "left", "looks"),
+    [(4.0, 1.6, 3.9, True), (4.0, 1.4, 3.9, False), (18.7, 1.0, 18.0, True), (18.7, 1.0, 1.2, False)],
+)
+def test_a_second_look_is_for_a_loud_balance_or_for_predictions_far_off_where_none_is(error, loud, left, looks, monkeypatch):
+    """What a rest adds to break-away leaves nothing on any balance: predictions were four floors off, and nothing was tried."""
+    monkeypatch.setattr(rounds, "loudest", lambda _: loud)
+    chosen = score("friction_pressure", 50.0), stub(left, 26_300.0, "friction_pressure")
+    assert rounds.second_looks_needed(chosen, stub(error, 26_350.0), FIRST, JUDGE) is looks
+
+
+@pytest.mark.parametrize(("whole", "looks"), [(305.0, True), (8.0, False)])
+def test_a_second_look_is_for_predictions_far_off_in_the_worst_tenth_too(whole, looks, monkeypatch):
+    """A rest's effect at few break-aways: 17 floors off there, 2.7 without them."""
+    monkeypatch.setattr(rounds, "loudest", lambda _: 1.0)
+    current = replace(stub(7.2, 26_150.0), whole=whole)
+    assert rounds.second_looks_needed(None, current, FIRST, JUDGE) is looks
+
+
+@pytest.mark.parametrize(("fits", "exact", "looks"), [(70.0, None, True), (8.0, None, False), (70.0, "an exact fit", False)])
+def test_a_second_look_is_for_training_runs_that_the_model_cannot_follow_too(fits, exact, looks, monkeypatch):
+    """A rest's effect that the held-out runs hardly ask for: 8.4 floors off in training, 1.12 held out."""
+    monkeypatch.setattr(rounds, "loudest", lambda _: 1.0)
+    current = stub(1.25, 12_897.0)
+    current.fit.exact = exact
+    judge = SimpleNamespace(**{**vars(JUDGE), "fits": lambda _: fits})
+    assert rounds.second_looks_needed(None, current, FIRST, judge) is looks
+    helps = score("friction_direction", 20.0), stub(1.15, 12_880.0, "friction_direction")
+    assert not rounds.second_looks_needed(helps, current, FIRST, judge), "where nothing else helps"
+
+
+@pytest.mark.parametrize(
+    ("error", "helps", "looks"),
+    [
+        (9_900.0, False, True),  # 100 of 152 floors
+        (9_900.0, True, False),  # but a leading effect helps
+        (700.0, False, False),  # 97 % is explained: what a form leaves
+        (5.0, False, False),
+    ],
+)
+def test_beside_others_a_second_look_is_for_what_something_else_would_be_said_to_leave(error, helps, looks, monkeypatch):
+    """Beside a shifted null a silencer was not among what promised most."""
+    monkeypatch.setattr(rounds, "loudest", lambda _: 9.0)
+    current, first = stub(error, 70_700.0, "valve_offset"), stub(23_000.0, 79_000.0)
+    chosen = (score("inlet_mixing", 50.0), stub(0.8 * error, 70_000.0, "inlet_mixing")) if helps else None
+    assert rounds.second_looks_needed(chosen, current, first, JUDGE) is looks
+
+
+@pytest.mark.parametrize(("fits", "looks"), [(441.0, True), (81.0, False)])
+def test_beside_others_a_second_look_is_for_training_runs_far_off_too(fits, looks, monkeypatch):
+    """A spring left 8 of 42 floors held out, but 21 of the training runs: a soft mounting was hidden beside it."""
+    monkeypatch.setattr(rounds, "loudest", lambda _: 1.0)
+    judge = SimpleNamespace(**{**vars(JUDGE), "usually_fits": lambda _: fits})
+    current, first = stub(62.0, 28_700.0, "load_spring"), stub(1_760.0, 68_700.0)
+    assert rounds.second_looks_needed(None, current, first, judge) is looks
+
+
+@pytest.mark.parametrize(
+    ("error", "added", "drop", "looked_at"),
+    [
+        (8.1, "sensor_offset_p1", 50.0, ["mounting_compliance"]),
+        (3.8, "sensor_offset_p1", 50.0, []),  # less than two floors
+        (8.1, "sensor_offset_p1", 14.0, []),  # chance
+        (8.1, None, 50.0, []),
+    ],
+)
+def test_beside_others_that_leave_two_floors_what_promises_most_gets_a_second_look(error, added, drop, looked_at, monkeypatch):
+    """A soft mounting promised 0.2 % of the cost beside an offset that left 2.8 floors."""
+    monkeypatch.setattr(rounds, "loudest", lambda _: 1.0)
+    current, first = stub(error, 25_900.0, added), stub(44.0, 29_400.0)
+    scores = [score("mounting_compliance", drop), score("friction_pressure", 0.5 * drop)]
+    assert [one.effect.name for one in rounds.open_to_second_looks(scores, None, current, first, JUDGE)] == looked_at
+    helps = scores[0], stub(0.5 * error, 25_000.0)
+    assert not rounds.open_to_second_looks(scores, helps, current, first, JUDGE), "where nothing else helps"

@@ -41,6 +41,11 @@ def explained_away(trial: Trial, judge: Judge) -> bool:
     return judge.explains(trial) and not unlearned
 
 
+def astray(trial: Trial, judge: Judge) -> bool:
+    """Whether no exact fit stands behind a model and its predictions of the training runs are far off."""
+    return trial.fit.exact is None and judge.fits(trial) > FAR_OFF**2
+
+
 def explained_share(before: Trial, after: Trial, first: Trial) -> float:
     """Share of the base model's excess that the step from ``before`` to ``after`` removes."""
     excess = first.whole - 1.0

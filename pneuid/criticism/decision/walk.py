@@ -11,7 +11,6 @@ from pneuid.criticism.decision.acceptance import (
     CLEAR_DROP,
     LEAST_DROP,
     LEAST_SHARE,
-    NO_FORM,
     Tried,
     accepted,
     confused,
@@ -26,13 +25,12 @@ from pneuid.criticism.decision.break_away import AT_BREAK_AWAY, BESIDE_OTHERS, l
 from pneuid.criticism.decision.diagnosis import Candidate
 from pneuid.criticism.decision.evidence import as_refitted
 from pneuid.criticism.decision.exchange import exchanged
-from pneuid.criticism.decision.leftover import DEFECT_RATIO, FAR_OFF, explained_away, leaves_more, loudest
+from pneuid.criticism.decision.leftover import DEFECT_RATIO, astray, explained_away, loudest
 from pneuid.criticism.decision.rivals import alike, alike_in_training, led, lookalikes, outvoted, stayed_behind
 from pneuid.criticism.decision.rounds import (
-    STILL_OFF,
     all_explained,
-    leaves_far,
     leaves_much,
+    open_to_second_looks,
     overtaking,
     refitted,
     second_looks,
@@ -134,11 +132,7 @@ class Walk(Ascent):
 
         Where no exact fit stands behind the model and it is far off on the training runs as well, these may say it.
         """
-        return not self.by_all_runs and explained_away(self.current, self.judge) and not self._astray()
-
-    def _astray(self) -> bool:
-        """Whether no exact fit stands behind the model and its predictions of the training runs are far off."""
-        return self.current.fit.exact is None and self.judge.fits(self.current) > FAR_OFF**2
+        return not self.by_all_runs and explained_away(self.current, self.judge) and not astray(self.current, self.judge)
 
     def _by_training_runs(self) -> bool:
         """Accept what leaves noise alone of a servo rig's training runs; on a bench all runs together decide."""
@@ -289,7 +283,7 @@ class Walk(Ascent):
         chosen, known, looked, late = self._best(tried), set[str](), False, False
         while True:
             # a leading effect that does not bear other starts may have kept others from being looked at
-            open_ones = [] if looked else self._to_look_at_again(scores, chosen)
+            open_ones = [] if looked else open_to_second_looks(scores, chosen, self.current, self.first, self.judge)
             if open_ones:
                 again = second_looks(self.current, open_ones, tried, self.judge, self.refitter, self.say)
                 tried, looked = self._by_one_floor(again), True
@@ -365,32 +359,6 @@ class Walk(Ascent):
             if clear and better and score.effect.name not in known and not confused(score.effect, current):
                 shown.append((score, trial))
         return min(shown, key=lambda pair: fits(pair[1]), default=None)
-
-    def _to_look_at_again(self, scores: Sequence[Score], chosen: Chosen | None) -> Sequence[Score]:
-        """What deserves second looks: all, or beside others that leave more than two floors what promises most.
-
-        Beside an offset that left 2.8 floors a soft mounting promised 0.2 % of the cost.
-        """
-        if self._needs_second_looks(chosen):
-            return scores
-        still_off = self.current.added is not None and chosen is None and self.current.error > STILL_OFF**2
-        return [score for score in scores[:1] if still_off and score.drop > LEAST_DROP]
-
-    def _needs_second_looks(self, chosen: Chosen | None) -> bool:
-        """Whether much is left that the leading effects do not explain: on a balance, or, far off, at break-away alone.
-
-        Of the training runs as well where nothing helps: a servo rig that lacks nothing mostly has an exact fit (15 of 15).
-        Beside others where no leading effect helps and something else would be said to act, or the training runs are far off:
-        beside a shifted null, which left 100 of 152 floors, a silencer was not among what promised most; beside a spring that
-        left 7.9 of 42 floors, but 21 of the training runs, a soft mounting promised 0.3 % of the cost.
-        """
-        astray = self.judge.usually_fits(self.current) > NO_FORM**2
-        if self.current.added is not None and (chosen is not None or not (astray or leaves_more(self.current, self.first))):
-            return False
-        if not leaves_much(chosen, self.current) and not leaves_far(chosen, self.current):
-            return False
-        far = max(self.current.error, self.current.whole) > FAR_OFF**2 or (chosen is None and self._astray())
-        return far or loudest(self.current) > DEFECT_RATIO
 
     def _take_two(self, tried: Tried, chosen: Chosen | None, most: float = np.inf) -> bool:
         """Whether two effects were accepted at once, where one alone would leave much; ``most`` as in ``joined``."""
