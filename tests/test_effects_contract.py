@@ -358,7 +358,7 @@ def check_derivatives(case: Case) -> None:
     names = [*plant.states, *(f"input {name}" for name in plant.inputs), *plant.parameter_names]
     exact = found.slopes(points, names)
     scale = np.abs(exact).max(axis=2)
-    # an edge that is closed is the difference of numbers as large as where it is open
+    # an edge that is closed is the difference of numbers as large as one that is open
     size = np.abs(found.values(points)).max(axis=1)
     kinks = 0
     for k, point in enumerate(points):
@@ -368,7 +368,7 @@ def check_derivatives(case: Case) -> None:
             up, down = found.values([point | {name: point[name] + h}, point | {name: point[name] - h}]).T
             central = (up - down) / (2 * h)
             # second order in h, and the rounding of the difference
-            allowed = 1e-5 * scale[:, j] + 1e-14 * size / h
+            allowed = 1e-5 * scale[:, j] + (1e-14 * np.abs(middle) + 1e-15 * size) / h
             wrong = ~(np.abs(central - exact[:, j, k]) <= allowed)
             bent = np.abs(up - 2 * middle + down) / h > 1e-3 * np.abs(exact[:, j, k]) + allowed
             kinks += int(np.any(wrong & bent))

@@ -12,8 +12,8 @@ from pneuid.physics.smoothing import absolute, positive_part
 from pneuid.rig import Rig
 
 _SOURCE = (
-    "Carneiro, de Almeida, Proc. IMechE Part I 220 (2006) 301 (full-order chamber model); wall coefficient: Lienhard, "
-    "A Heat Transfer Textbook (5th ed. 2020), section 7.3 (Nu ~ Re^0.8: it grows with density and motion of the gas)"
+    "Carneiro, de Almeida, Proc. IMechE Part I 220 (2006) 301 (full-order chamber model); wall coefficient: Sieder, "
+    "Tate, Ind. Eng. Chem. 28 (1936) 1429 (turbulent flow in tubes: Nu ~ Re^0.8, so it grows with density and motion)"
 )
 
 _STATED_AT, _LEAST = 4e5, 1e4
@@ -60,9 +60,10 @@ class HeatTransfer(Effect):
             (state.theta_2, scope.p2, scope.V2, -rig.A2 * scope.v, scope.mdot2, rig.A2),
         ):
             filling, emptying = positive_part(mdot, width), positive_part(-mdot, width)
-            displaced = absolute(V_rate, scope.smoothing.speed * A) * p / (R_AIR * rig.T)
+            dense = ca.fmax(p, _LEAST)
+            displaced = absolute(V_rate, scope.smoothing.speed * A) * dense / (R_AIR * rig.T)
             stirred = 1.0 + scope.p.h_stir * (filling + emptying + displaced) / scope.full_flow
-            h = scope.p.h_wall * stirred * (ca.fmax(p, _LEAST) / _STATED_AT) ** scope.p.h_dense
+            h = scope.p.h_wall * stirred * (dense / _STATED_AT) ** scope.p.h_dense
             found.append((theta, p, V, V_rate, filling, emptying, h * chamber.wall_area(V, A)))
         return found
 
