@@ -292,6 +292,7 @@ def test_beside_others_that_leave_two_floors_what_promises_most_gets_a_second_lo
     monkeypatch.setattr(rounds, "loudest", lambda _: 1.0)
     current, first = stub(error, 25_900.0, added), stub(44.0, 29_400.0)
     scores = [score("mounting_compliance", drop), score("friction_pressure", 0.5 * drop)]
-    assert [one.effect.name for one in rounds.open_to_second_looks(scores, None, current, first, JUDGE)] == looked_at
+    assert [one.effect.name for one in rounds.open_to_second_looks(scores, [], None, current, first, JUDGE)] == looked_at
     helps = scores[0], stub(0.5 * error, 25_000.0)
-    assert not rounds.open_to_second_looks(scores, helps, current, first, JUDGE), "where nothing else helps"
+    assert not rounds.open_to_second_looks(scores, [], helps, current, first, JUDGE), "where nothing else helps"
+    assert not rounds.open_to_second_looks(scores, [helps], None, current, first, JUDGE), "it was refitted already"

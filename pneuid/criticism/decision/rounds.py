@@ -166,16 +166,18 @@ def _helps(trial: Trial, current: Trial) -> bool:
 
 
 def open_to_second_looks(
-    scores: Sequence[Score], chosen: tuple[Score, Trial] | None, current: Trial, first: Trial, judge: Judge
+    scores: Sequence[Score], tried: Tried, chosen: tuple[Score, Trial] | None, current: Trial, first: Trial, judge: Judge
 ) -> Sequence[Score]:
-    """Effects that deserve second looks: all, or beside others that leave more than two floors what promises most.
+    """Effects that deserve second looks: all, or beside others that leave more than two floors what promises most, if it was
+    not refitted.
 
     Beside an offset that left 2.8 floors a soft mounting promised 0.2 % of the cost.
     """
     if second_looks_needed(chosen, current, first, judge):
         return scores
+    known = {score.effect.name for score, _ in tried}
     still_off = current.added is not None and chosen is None and current.error > STILL_OFF**2
-    return [score for score in scores[:1] if still_off and score.drop > LEAST_DROP]
+    return [one for one in scores[:1] if still_off and one.drop > LEAST_DROP and one.effect.name not in known]
 
 
 def second_looks_needed(chosen: tuple[Score, Trial] | None, current: Trial, first: Trial, judge: Judge) -> bool:

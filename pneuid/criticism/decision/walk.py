@@ -283,7 +283,7 @@ class Walk(Ascent):
         chosen, known, looked, late = self._best(tried), set[str](), False, False
         while True:
             # a leading effect that does not bear other starts may have kept others from being looked at
-            open_ones = [] if looked else open_to_second_looks(scores, chosen, self.current, self.first, self.judge)
+            open_ones = [] if looked else open_to_second_looks(scores, tried, chosen, self.current, self.first, self.judge)
             if open_ones:
                 again = second_looks(self.current, open_ones, tried, self.judge, self.refitter, self.say)
                 tried, looked = self._by_one_floor(again), True
