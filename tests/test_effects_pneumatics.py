@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers import TRUTH, rig
@@ -169,11 +171,37 @@ def test_the_line_holds_back_the_delay_times_the_flow_and_loses_nothing():
     assert arriving["mdot1"][np.searchsorted(t, tau)] / float(valve.mdot1) == pytest.approx(1 - np.exp(-1), abs=0.02)
 
 
-@pytest.mark.parametrize("u", [10.0, -10.0])
-def test_a_tube_is_a_conductance_in_series_with_every_edge(u):
-    with_it, without = at(plant_with("line_delay"), {"u": u}, {"r_line": 0.5}), at(plant_with(), {"u": u})
-    for name in ("mdot1", "mdot2"):
-        assert float(getattr(with_it, name)) == pytest.approx(float(getattr(without, name)) / np.sqrt(1.5), rel=1e-5)
+@pytest.mark.parametrize("b", [0.15, 0.3, 0.55])
+@pytest.mark.parametrize("u", [10.0, 4.0, -10.0])
+@pytest.mark.parametrize("r", [0.2, 4.0, 20.0])
+@pytest.mark.parametrize(("p1", "p2"), [(1.2e5, 5.8e5), (2.5e5, 3.0e5), (5.8e5, 1.2e5), (6.5e5, 1.02e5)])
+def test_valve_and_tube_let_the_same_flow_through(p1, p2, r, u, b):
+    """Independent of the closed form: the pressure at the port is searched."""
+    patm, supply, pressures = rig().patm, SERVO_POINT["psup"], {"p1": p1, "p2": p2}
+    valve = replace(rig(), critical_ratio=b)
+    with_it = at(plant_with("line_delay", on=valve), {"u": u} | pressures, {"r_line": r})
+    without = at(plant_with(on=valve), {"u": u} | pressures)
+    opening = abs(u) / rig().full_scale
+
+    def edge(up, down):
+        ratio = down / up
+        return opening * up * np.sqrt(1 - max(ratio - b, 0.0) ** 2 / (1 - b) ** 2)
+
+    for name, p, filling in (("mdot1", p1, u > 0), ("mdot2", p2, u < 0)):
+        if filling:
+            port = brentq(lambda q, p=p: edge(supply, q) ** 2 - (q**2 - p**2) / r, p, supply)
+            expected = edge(supply, port) / edge(supply, p)
+        else:
+            port = brentq(lambda q, p=p: edge(q, patm) ** 2 - (p**2 - q**2) / r, patm, p)
+            expected = edge(port, patm) / edge(p, patm)
+        assert float(getattr(with_it, name)) / float(getattr(without, name)) == pytest.approx(expected, rel=4e-3), name
+
+
+def test_a_tube_leaves_a_choked_edge_alone_when_it_fills_and_takes_its_share_when_it_vents():
+    pressures = {"u": 10.0, "p1": rig().patm, "p2": 6e5}
+    with_it, without = at(plant_with("line_delay"), pressures, {"r_line": 0.05}), at(plant_with(), pressures)
+    assert float(with_it.mdot1) == pytest.approx(float(without.mdot1), rel=1e-4)
+    assert float(with_it.mdot2) == pytest.approx(float(without.mdot2) / np.sqrt(1.05), rel=1e-4)
 
 
 # --- inlet mixing ---

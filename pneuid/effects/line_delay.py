@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import casadi as ca
+
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
 from pneuid.physics.lag import vanishing_lag
-from pneuid.physics.valve import series_share
+from pneuid.physics.tube import share_filling, share_venting
 from pneuid.rig import Rig
 
 _SOURCE = (
     "Richer, Hurmuzlu, J. Dyn. Syst. Meas. Control 122 (2000) 416, part 1, section on the connecting tubes (delay L/c)"
 )
 
-_SERIES = "Beater, Pneumatic Drives 2007, chapter 3 (conductances in series): 1/C^2 = 1/C_1^2 + 1/C_2^2"
+_SERIES = "ISO 6358-1:2013, eq. (1) and (2), with ISO 6358-3:2014 for components in series"
 
 _SHORTEST = 1.0e-3
 """Time constant in s with which the delay is screened; below it the lag keeps its delay alone."""
@@ -21,7 +23,9 @@ _SHORTEST = 1.0e-3
 class LineDelay(Effect):
     """The flow into a chamber follows the valve's flow by a first-order lag of mean delay ``tau``, about ``L/c``.
 
-    The tube's own resistance stands in series with every edge of the valve: ``s / sqrt(1 + r s^2)``, ``r = (C / C_tube)^2``.
+    The tube's own resistance stands in series with the valve, ``r = (C / C_tube)^2``: an edge of opening ``s`` passes ``s q``,
+    ``q`` its ISO 6358 flow over its conductance, and the tube the same, ``r s^2 q^2 = p_up^2 - p_down^2``. A filling edge keeps
+    all of its flow while the pressure at its port leaves it choked, a venting one then the share ``1 / sqrt(1 + r s^2)``.
     """
 
     name = "line_delay"
@@ -61,5 +65,11 @@ class LineDelay(Effect):
 
 def _through(scope: Scope) -> tuple[Expression, Expression]:
     """What valve and tube in series let through towards both chambers, kg/s."""
-    share = series_share(scope.opening_1 - scope.opening_2, scope.p.r_line)
-    return share * scope.valve_flow_1, share * scope.valve_flow_2
+    signed = scope.opening_1 - scope.opening_2
+    return scope.valve_flow_1 * _share(signed, scope.p1, scope), scope.valve_flow_2 * _share(-signed, scope.p2, scope)
+
+
+def _share(opening: Expression, p: Expression, scope: Scope) -> Expression:
+    """Share of its flow that the edge into (``opening`` > 0) or out of a chamber at ``p`` keeps."""
+    R, rig = scope.p.r_line * opening * opening, scope.rig
+    return ca.if_else(opening > 0.0, share_filling(R, p, scope.psup, rig.b), share_venting(R, p, rig.patm, rig.b))

@@ -61,14 +61,6 @@ class Edges:
     exhaust_2: Expression
 
 
-def series_share(opening: Expression, ratio: Expression) -> Expression:
-    """Share of its flow that an edge keeps with a restriction behind it, ``ratio = (C / C_restriction)^2``.
-
-    Beater, Pneumatic Drives (2007), chapter 3: 1/C^2 = 1/C_1^2 + 1/C_2^2; ISO 6358-3:2014 for conductances in series.
-    """
-    return 1.0 / ca.sqrt(1.0 + ratio * opening * opening)
-
-
 def edges(opening: Expression, smoothing: Smoothing) -> tuple[Expression, Expression]:
     """Openings (0..1) of the edges that pressurise chamber 1 and chamber 2, from the signed opening."""
     limited = ca.fmin(ca.fmax(opening, -1.0), 1.0)
