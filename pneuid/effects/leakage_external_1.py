@@ -3,34 +3,40 @@
 from __future__ import annotations
 
 from pneuid.effect import Effect, Expression, Parameter, Scope
-from pneuid.physics import valve
 from pneuid.physics.friction import FrictionLaw
+from pneuid.physics.gas import RHO_REFERENCE
+from pneuid.physics.leak import SOURCE, squares_power
 from pneuid.rig import Rig
 
-_SOURCE = "ISO 6358-1:2013, eq. (1); Beater, Pneumatic Drives (Springer 2007), chapter 4 (leakage)"
-
-_NOZZLE = 0.528
-"""Critical pressure ratio of an ideal nozzle; a leak's own is not known and hardly matters."""
+_REFERENCE = 5e5
+"""Absolute pressure in Pa at which the leak passes about what a choked orifice of conductance ``C_l1`` does."""
 
 
 class LeakageExternal1(Effect):
-    """Mass flow of an orifice of conductance ``C_l1`` from chamber 1 to the atmosphere."""
+    """Mass flow from chamber 1 to the atmosphere that grows with a power ``m_l1`` of ``p1^2 - patm^2``.
+
+    An orifice or a scratch passes its root (m = 1/2), a laminar gap as much as the difference (m = 1), a lip that the pressure
+    lifts more steeply. ``C_l1`` is the sonic conductance of an orifice that passes as much at 5 bar absolute.
+    """
 
     name = "leakage_external_1"
     mechanism = "a fitting, a tube or the cap gasket of the cap-side chamber lets air out to the surroundings"
     equation = "flow_1"
-    reference = _SOURCE
+    reference = SOURCE
     experiment = "dwells with the valve closed and the chamber under pressure"
     confused_with = ("leakage_internal", "valve_null_leakage")
     rigs = ("servo",)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Sonic conductance of the leak; typical scale one percent of the valve's."""
+        """Conductance of the leak, typical scale one percent of the valve's, and its exponent."""
         scale = 0.01 * rig.conductance
-        return (Parameter("C_leak_1", "C_l1", "m^3/(s*Pa)", 0.0, 100 * scale, 0.0, scale, _SOURCE, off=0.0),)
+        return (
+            Parameter("C_leak_1", "C_l1", "m^3/(s*Pa)", 0.0, 100 * scale, 0.0, scale, SOURCE, off=0.0),
+            Parameter("m_leak_1", "m_l1", "1", 0.35, 1.6, 0.7, 0.1, SOURCE, prior=0.25),
+        )
 
     def flows(self, mdot1: Expression, mdot2: Expression, scope: Scope) -> tuple[Expression, Expression]:
         """Take the leak from the flow into chamber 1."""
-        rig = scope.rig
-        leak = valve.mass_flow(scope.p1, rig.patm, scope.p.C_leak_1, _NOZZLE, rig.T, scope.smoothing.laminar)
+        through = squares_power(scope.p1, scope.rig.patm, _REFERENCE, scope.p.m_leak_1)
+        leak = scope.p.C_leak_1 * RHO_REFERENCE * _REFERENCE * through
         return mdot1 - leak, mdot2

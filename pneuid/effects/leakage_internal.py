@@ -5,19 +5,12 @@ from __future__ import annotations
 from pneuid.effect import Effect, Expression, Parameter, Scope
 from pneuid.physics.friction import FrictionLaw
 from pneuid.physics.gas import RHO_REFERENCE
+from pneuid.physics.leak import SOURCE, squares_power
 from pneuid.rig import Rig
-
-_SOURCE = (
-    "Beater, Pneumatic Drives (Springer 2007), chapter 4 (laminar gap, m = 1); Stodola, Steam and Gas Turbines (1927), "
-    "flow through rows of throttles (m = 1/2)"
-)
 
 _REFERENCE = 1e6
 """Pressure in Pa by which the squares are scaled: about the sum of both chambers' pressures, so that a laminar gap passes about
 ``G_leak`` times their difference."""
-
-_LAMINAR = 0.01
-"""Difference of the squares, scaled, below which every leak is laminar: some 12 kPa between chambers at 4 bar."""
 
 
 class LeakageInternal(Effect):
@@ -30,7 +23,7 @@ class LeakageInternal(Effect):
     name = "leakage_internal"
     mechanism = "a worn piston seal lets air pass from the chamber of higher pressure to the other"
     equation = "flow_1"
-    reference = _SOURCE
+    reference = SOURCE
     experiment = "dwells under load with the valve closed"
     confused_with = ("leakage_external_1", "leakage_external_2")
     rigs = ("servo",)
@@ -40,13 +33,11 @@ class LeakageInternal(Effect):
         """The leak's conductance, typical scale one percent of the valve's, and its exponent."""
         scale = 0.01 * rig.conductance * RHO_REFERENCE
         return (
-            Parameter("G_leak", "G_l", "kg/(s*Pa)", 0.0, 100 * scale, 0.0, scale, _SOURCE, off=0.0),
-            Parameter("m_leak", "m_l", "1", 0.35, 1.1, 0.7, 0.1, _SOURCE, prior=0.25),
+            Parameter("G_leak", "G_l", "kg/(s*Pa)", 0.0, 100 * scale, 0.0, scale, SOURCE, off=0.0),
+            Parameter("m_leak", "m_l", "1", 0.35, 1.6, 0.7, 0.1, SOURCE, prior=0.25),
         )
 
     def flows(self, mdot1: Expression, mdot2: Expression, scope: Scope) -> tuple[Expression, Expression]:
         """Take from one chamber what the other gets."""
-        apart = (scope.p1 - scope.p2) * (scope.p1 + scope.p2) / _REFERENCE**2
-        power = apart * (apart * apart + _LAMINAR**2) ** (0.5 * (scope.p.m_leak - 1.0))
-        leak = scope.p.G_leak * _REFERENCE * power
+        leak = scope.p.G_leak * _REFERENCE * squares_power(scope.p1, scope.p2, _REFERENCE, scope.p.m_leak)
         return mdot1 - leak, mdot2 + leak
