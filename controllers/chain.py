@@ -21,7 +21,7 @@ from pneuid.criticism.decision.verdict import Verdict
 from pneuid.errors import ComputationError
 from pneuid.model import Model
 from pneuid.pool import Pool
-from pneuid.report import sections
+from pneuid.report import decision_sections, sections
 from pneuid.report.html import Items, Paragraph, Picture, Section, Table, write_report
 from pneuid.report.quantities import change
 from pneuid.report.summary import metrics_json, summary_lines, verdict_lines
@@ -113,9 +113,9 @@ def write_chain(chain: Chain, scenario: Scenario, truth: TruthServo, folder: Pat
     write_json(folder / "tracking.json", tracked)
     parts = [
         sections.summary(chain.before),
-        sections.diagnosis_verdict(diagnosis),
-        sections.ladder_section(chain.rungs),
-        sections.ranking_section(diagnosis),
+        decision_sections.diagnosis_verdict(diagnosis),
+        decision_sections.ladder_section(chain.rungs),
+        decision_sections.ranking_section(diagnosis),
         _tracking_section(chain.results, rows, scenario, truth),
         sections.parameters(chain.after.model),
         replace(sections.errors(chain.after), heading="Errors after"),

@@ -9,7 +9,7 @@ from pneuid.criticism.comparison.comparison import Comparison
 from pneuid.criticism.comparison.ladder import Rung
 from pneuid.criticism.decision.diagnosis import Diagnosis
 from pneuid.estimation.profile import Profile
-from pneuid.report import sections
+from pneuid.report import decision_sections, sections
 from pneuid.report.html import Section, write_report
 from pneuid.report.trust_sections import friction_section, trust_section
 
@@ -24,9 +24,9 @@ def identify_report(
     """Write the report of an identification: what was fitted, how good it is, where it fails, how it was reached."""
     parts = [sections.summary(comparison)]
     if len(ladder_rungs) > 1:
-        parts.append(sections.ladder_section(ladder_rungs))
+        parts.append(decision_sections.ladder_section(ladder_rungs))
     if diagnosis is not None:
-        parts += [sections.diagnosis_verdict(diagnosis), sections.ranking_section(diagnosis)]
+        parts += [decision_sections.diagnosis_verdict(diagnosis), decision_sections.ranking_section(diagnosis)]
     parts += [sections.parameters(comparison.model), trust_section(comparison, profiles), *_evidence(comparison)]
     write_report(path, f"Identification of {comparison.model.name}", parts)
 
@@ -41,9 +41,9 @@ def compare_report(path: str | Path, comparison: Comparison) -> None:
 def diagnose_report(path: str | Path, comparison: Comparison, diagnosis: Diagnosis, rungs: Sequence[Rung]) -> None:
     """Write the report of a diagnosis: the verdict, the evidence, and the model it started from."""
     parts = [
-        sections.diagnosis_verdict(diagnosis, comparison.model.rig.patm),
-        sections.ladder_section(rungs),
-        sections.ranking_section(diagnosis),
+        decision_sections.diagnosis_verdict(diagnosis, comparison.model.rig.patm),
+        decision_sections.ladder_section(rungs),
+        decision_sections.ranking_section(diagnosis),
         sections.summary(comparison),
         *_evidence(comparison),
     ]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pneuid.report.quantities import number
 from pneuid.signals import PRESSURES, SIGNALS
 from pneuid.units import to_display
 
@@ -42,3 +43,11 @@ def error_unit(signal: str, size: float) -> ErrorUnit:
         return ErrorUnit("Pa", 1.0) if size < 100.0 else ErrorUnit("kPa", 1e-3)
     factor = to_display(1.0, meant.unit, meant.display_unit)
     return ErrorUnit(meant.display_unit, factor)
+
+
+def signal_error(name: str, value: float | None) -> str:
+    """A signal's error (SI) in words, ``None`` or not finite where the simulation diverged."""
+    if value is None or not np.isfinite(value):
+        return f"{name} diverged"
+    unit = error_unit(name, value)
+    return f"{name} {number(value * unit.factor)} {unit.unit}"
