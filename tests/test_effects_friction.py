@@ -11,6 +11,7 @@ import pytest
 from helpers import RANGES, rig, step_function, values_of
 from hypothesis import given, settings
 from hypothesis import strategies as some
+from operating import at
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
@@ -173,7 +174,7 @@ def test_sliding_friction_answers_late_to_a_change_of_speed():
     last = t >= t[-1] - 2 * np.pi / omega + h / 2
     phases = {}
     for delay in (0.0, tau):
-        force = moved(plant, v, h, {"tau_L": delay, "sigma2": 0.0})[0]
+        force = moved(plant, v, h, {"tau_L": delay, "shrink_L": 1.0, "sigma2": 0.0})[0]
         phases[delay] = phase_of(force[last], t[last], omega)
     # v - c (v - y) with y the plain lag of time constant T: (1 + (T - tau) s) / (1 + T s)
     T = np.hypot(tau, 2e-3)
@@ -194,6 +195,16 @@ def test_a_film_carries_over_a_reversal():
     late = moved(plant, np.concatenate([np.full(4000, 0.1), np.full(3000, 1e-4)]), h, values | {"tau_L": tau})[0]
     assert late[4050] < 13.0, "the film is still there"
     assert late[-1] > 19.0, "it is squeezed out within a few delays"
+
+
+@pytest.mark.parametrize(("v", "times"), [(0.2, 1.0), (-0.2, 1.0), (0.01, 7.0), (0.0, 7.0)])
+def test_a_film_is_drawn_in_faster_than_it_is_squeezed_out(v, times):
+    tau = 0.03
+    pulled, decay = at(
+        plant_with("friction_lag"), {"v": v, "v_lagged": 0.1}, {"tau_L": tau, "shrink_L": 7.0}
+    ).relaxing[-1]
+    assert 1.0 / float(decay) == pytest.approx(times * tau, rel=5e-3)
+    assert float(pulled) / float(decay) == pytest.approx(abs(v), abs=2e-4)
 
 
 # --- Maxwell slip ---
