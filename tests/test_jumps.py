@@ -74,13 +74,16 @@ def test_a_step_of_either_sign_is_tried():
 
 
 @pytest.mark.parametrize(
-    ("name", "nothing", "reach"), [("gravity", 0.0, 5.0), ("friction_lag", 0.0, 1.0), ("friction_lag", 15.0, 5.0)]
+    ("name", "share", "nothing", "reach"),
+    [("gravity", 1e-3, 0.0, 5.0), ("friction_lag", 0.1, 0.0, 1.0), ("friction_lag", 0.1, 15.0, 5.0)],
 )
-def test_what_has_no_state_or_promises_nothing_is_looked_at_at_five_typical_sizes_too(name, nothing, reach, monkeypatch):
-    """At a thousandth of its size what it promises still grows with the step."""
+def test_what_has_no_state_or_promises_nothing_is_looked_at_at_five_typical_sizes_too(
+    name, share, nothing, reach, monkeypatch
+):
+    """At a small share of its size what it promises still grows with the step; a lag's is chance at a thousandth."""
     monkeypatch.setattr(screening_jumps, "NOTHING", nothing)
     monkeypatch.setattr(screening_jumps, "HARDLY", 0.0)
-    tiny = {key: 1e-3 * value for key, value in sizes()[name].items()}
+    tiny = {key: share * value for key, value in sizes()[name].items()}
     found = jumped(base_fit("gravity"), scores("gravity"), {name: tiny}, list(CATALOGUE))[name]
     reached = {key: abs(value) / tiny[key] for key, value in found.start.items()}
     assert reached == pytest.approx(dict.fromkeys(tiny, reach))
