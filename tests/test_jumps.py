@@ -75,7 +75,7 @@ def test_a_step_of_either_sign_is_tried():
 
 @pytest.mark.parametrize(
     ("name", "share", "nothing", "reach"),
-    [("gravity", 1e-3, 0.0, 5.0), ("friction_lag", 0.1, 0.0, 1.0), ("friction_lag", 0.1, 15.0, 5.0)],
+    [("gravity", 1e-3, 0.0, 5.0), ("friction_lag", 0.05, 0.0, 1.0), ("friction_lag", 0.05, 15.0, 5.0)],
 )
 def test_what_has_no_state_or_promises_nothing_is_looked_at_at_five_typical_sizes_too(
     name, share, nothing, reach, monkeypatch
