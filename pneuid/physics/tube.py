@@ -22,8 +22,8 @@ _LEAST = 1.0e-9
 def share_filling(R: Expression, p: Expression, psup: Expression, b: Expression) -> Expression:
     """Share (0..1) of its flow from the supply ``psup`` that an edge keeps with a tube between it and a chamber at ``p``.
 
-    R : squared ratio of the edge's conductance, as far as it is open, to the tube's, 1 where R is zero; b : the edge's critical
-    pressure ratio; pressures in Pa, absolute. All of the flow where the port's pressure leaves the edge choked.
+    R : squared ratio of the edge's conductance, as far as it is open, to the tube's; b : the edge's critical pressure ratio;
+    pressures in Pa, absolute. All of the flow where R is zero, or the port's pressure leaves the edge choked.
     """
     g = 1.0 / (1.0 - b)
     ratio, P = ca.fmin(p / psup, 1.0), R * g * g
