@@ -73,20 +73,30 @@ def test_a_step_of_either_sign_is_tried():
     assert there.drop == pytest.approx(back.drop, rel=1e-9) and there.start == pytest.approx(back.start)
 
 
-@pytest.mark.parametrize(
-    ("name", "share", "nothing", "reach"),
-    [("gravity", 1e-3, 0.0, 5.0), ("friction_lag", 0.05, 0.0, 1.0), ("friction_lag", 0.05, 15.0, 5.0)],
-)
-def test_what_has_no_state_or_promises_nothing_is_looked_at_at_five_typical_sizes_too(
-    name, share, nothing, reach, monkeypatch
-):
-    """At a small share of its size what it promises still grows with the step; a lag's is chance at a thousandth."""
-    monkeypatch.setattr(screening_jumps, "NOTHING", nothing)
+def test_what_has_no_state_is_looked_at_at_five_typical_sizes_too(monkeypatch):
+    """At a thousandth of its size what it promises still grows with the step."""
+    monkeypatch.setattr(screening_jumps, "NOTHING", 0.0)
     monkeypatch.setattr(screening_jumps, "HARDLY", 0.0)
-    tiny = {key: share * value for key, value in sizes()[name].items()}
-    found = jumped(base_fit("gravity"), scores("gravity"), {name: tiny}, list(CATALOGUE))[name]
-    reached = {key: abs(value) / tiny[key] for key, value in found.start.items()}
-    assert reached == pytest.approx(dict.fromkeys(tiny, reach))
+    tiny = {key: 1e-3 * value for key, value in sizes()["gravity"].items()}
+    found = jumped(base_fit("gravity"), scores("gravity"), {"gravity": tiny}, list(CATALOGUE))["gravity"]
+    assert {key: abs(value) / tiny[key] for key, value in found.start.items()} == pytest.approx(dict.fromkeys(tiny, 5.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "near", "reach"), [("gravity", 20.0, 5.0), ("friction_lag", 20.0, 1.0), ("friction_lag", 10.0, 5.0)]
+)
+def test_further_out_goes_what_has_no_state_or_promises_next_to_nothing(name, near, reach, monkeypatch):
+    """Whatever the data say: each step promises what the case says, the far one most."""
+
+    def promised(*asked):
+        far = asked[-1] == screening_jumps.LEAPS
+        return Jump(30.0, {"reach": 5.0}) if far else Jump(near, {"reach": 1.0})
+
+    monkeypatch.setattr(screening_jumps, "_best_step", promised)
+    monkeypatch.setattr(screening_jumps, "NOTHING", 15.0)
+    monkeypatch.setattr(screening_jumps, "HARDLY", 0.0)
+    found = jumped(base_fit("gravity"), scores("gravity"), {name: sizes()[name]}, list(CATALOGUE))[name]
+    assert found.start == {"reach": reach}
 
 
 def test_the_drop_is_that_of_the_best_multiple_up_to_twice():
