@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from pneuid.effect import Effect, Expression, Parameter, Scope
 from pneuid.physics.friction import FrictionLaw
-from pneuid.physics.gas import RHO_REFERENCE
-from pneuid.physics.leak import SOURCE, squares_power
+from pneuid.physics.leak import SOURCE, leak_outside
 from pneuid.rig import Rig
-
-_REFERENCE = 5e5
-"""Absolute pressure in Pa at which the leak passes about what a choked orifice of conductance ``C_l2`` does."""
 
 
 class LeakageExternal2(Effect):
@@ -37,6 +33,5 @@ class LeakageExternal2(Effect):
 
     def flows(self, mdot1: Expression, mdot2: Expression, scope: Scope) -> tuple[Expression, Expression]:
         """Take the leak from the flow into chamber 2."""
-        through = squares_power(scope.p2, scope.rig.patm, _REFERENCE, scope.p.m_leak_2)
-        leak = scope.p.C_leak_2 * RHO_REFERENCE * _REFERENCE * through
+        leak = leak_outside(scope.p2, scope.rig.patm, scope.p.C_leak_2, scope.p.m_leak_2)
         return mdot1, mdot2 - leak

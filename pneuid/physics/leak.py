@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pneuid.physics.gas import RHO_REFERENCE
 from pneuid.physics.smoothing import Expression
 
 SOURCE = (
@@ -11,6 +12,17 @@ SOURCE = (
 
 _LAMINAR = 0.01
 """Difference of the squares, scaled, below which every leak is laminar: some 12 kPa between chambers at 4 bar for 1 MPa."""
+
+_OUTSIDE = 5e5
+"""Absolute pressure in Pa at which a leak to the outside passes about what a choked orifice of its conductance does."""
+
+
+def leak_outside(p: Expression, patm: Expression, C: Expression, m: Expression) -> Expression:
+    """Mass flow in kg/s from a chamber at ``p`` to the outside at ``patm`` (Pa, absolute), of exponent ``m``.
+
+    C : m^3/(s Pa), sonic conductance of an orifice (ISO 6358-1) that passes as much at 5 bar absolute.
+    """
+    return C * RHO_REFERENCE * _OUTSIDE * squares_power(p, patm, _OUTSIDE, m)
 
 
 def squares_power(p_from: Expression, p_to: Expression, reference: float, m: Expression) -> Expression:
