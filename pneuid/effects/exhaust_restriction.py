@@ -9,7 +9,7 @@ import casadi as ca
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
 from pneuid.physics.lag import vanishing_lag
-from pneuid.physics.valve import Edges
+from pneuid.physics.valve import Edges, squared_share
 from pneuid.rig import Rig
 
 _SOURCE = "ISO 6358-1:2013, eq. (1) and (2), with ISO 6358-3:2014 for components in series"
@@ -90,11 +90,5 @@ def _over_zero_ratio(ratio: Expression, scope: Scope) -> Expression:
 
 def _share(p: Expression, back: Expression, scope: Scope) -> Expression:
     """Flow of an edge from pressure ``p`` into the pressure ``back``, over its flow into the open."""
-    return ca.sqrt(_squared(back, p, scope) / _squared(scope.rig.patm, p, scope))
-
-
-def _squared(down: Expression, up: Expression, scope: Scope) -> Expression:
-    """Squared share of the choked flow between two pressures."""
     b = scope.rig.b
-    beyond = ca.fmax(down / up - b, 0.0) / (1.0 - b)
-    return ca.fmax(1.0 - beyond * beyond, 0.0) + _LEVEL
+    return ca.sqrt((squared_share(back / p, b) + _LEVEL) / (squared_share(scope.rig.patm / p, b) + _LEVEL))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import casadi as ca
 
 from pneuid.physics.smoothing import Expression
+from pneuid.physics.valve import squared_share
 
 _LEVEL = 1.0e-3
 """Squared share of the choked flow below which a flow counts as that between nearly equal pressures."""
@@ -49,10 +50,4 @@ def share_venting(R: Expression, p: Expression, patm: Expression, b: Expression)
 
 def _over(at: Expression, alone: Expression, near: Expression, b: Expression) -> Expression:
     """Flow at one pressure ratio over that at another; ``1 / sqrt(1 + near)`` in the limit of equal pressures."""
-    return ca.sqrt((_squared(at, b) + _LEVEL / (1.0 + near)) / (_squared(alone, b) + _LEVEL))
-
-
-def _squared(ratio: Expression, b: Expression) -> Expression:
-    """Squared share of the choked flow."""
-    beyond = ca.fmax(ratio - b, 0.0) / (1.0 - b)
-    return ca.fmax(1.0 - beyond * beyond, 0.0)
+    return ca.sqrt((squared_share(at, b) + _LEVEL / (1.0 + near)) / (squared_share(alone, b) + _LEVEL))

@@ -32,6 +32,15 @@ def flow_function(ratio: Expression, b: Expression, laminar: Expression, m: Expr
     return ca.if_else(ratio < edge, subsonic, curve(edge) / laminar * (1.0 - ratio))
 
 
+def squared_share(ratio: Expression, b: Expression) -> Expression:
+    """Squared share (0..1) of the choked flow at a pressure ratio, by the quarter ellipse of ISO 6358-1:2013, eq. (2).
+
+    Without the patch of ``flow_function``: for quotients of flows, whose limit at ratio 1 the caller knows.
+    """
+    beyond = ca.fmax(ratio - b, 0.0) / (1.0 - b)
+    return ca.fmax(1.0 - beyond * beyond, 0.0)
+
+
 def mass_flow(
     p_from: Expression, p_to: Expression, C: Expression, b: Expression, T: Expression, laminar: Expression,
     m: Expression = ELLIPSE,
