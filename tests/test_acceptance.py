@@ -20,6 +20,12 @@ def _amplitudes_are_inside(monkeypatch):
     monkeypatch.setattr(acceptance, "inside_bounds", lambda *_: True)
 
 
+def _foretold(monkeypatch, fits: tuple[float, float], usual: tuple[float, float]) -> None:
+    """Squared errors on the training runs, of all windows and of the usual ones, before and with what is tried."""
+    monkeypatch.setattr(JUDGE, "fits", lambda trial: fits[trial.added is not None])
+    monkeypatch.setattr(JUDGE, "usually_fits", lambda trial: usual[trial.added is not None])
+
+
 @pytest.mark.parametrize(
     ("current", "error", "cost", "taken"),
     [
@@ -58,8 +64,7 @@ def test_where_break_away_is_at_stake_predictions_of_both_kinds_of_runs_take_the
     """A rest's effect at its right size: the relaxed cost was higher than without it, whose zigzag had stopped elsewhere."""
     current = stub(7.2, 26_150.0)
     tried = [(score("friction_dwell", 10.0), stub(error, cost, "friction_dwell"))]
-    monkeypatch.setattr(JUDGE, "fits", lambda trial: fits if trial.added else 432.0)
-    monkeypatch.setattr(JUDGE, "usually_fits", lambda trial: usual if trial.added else 1.0)
+    _foretold(monkeypatch, (432.0, fits), (1.0, usual))
     assert (acceptance.accepted(tried, current, current, JUDGE) is not None) == taken
 
 
@@ -78,8 +83,7 @@ def test_far_off_both_errors_of_the_training_runs_have_to_fall_where_the_cost_do
 ):
     current = stub(197.0, 29_800.0)
     tried = [(score("valve_null_leakage", 1400.0), stub(error, cost, "valve_null_leakage"))]
-    monkeypatch.setattr(JUDGE, "fits", lambda trial: fits if trial.added else 920.0)
-    monkeypatch.setattr(JUDGE, "usually_fits", lambda trial: usual if trial.added else 425.0)
+    _foretold(monkeypatch, (920.0, fits), (425.0, usual))
     assert (acceptance.accepted(tried, current, current, JUDGE) is not None) == taken
 
 
