@@ -279,20 +279,25 @@ def test_beside_others_a_second_look_is_for_training_runs_far_off_too(fits, look
 
 
 @pytest.mark.parametrize(
-    ("error", "added", "drop", "looked_at"),
+    ("error", "whole", "fits", "added", "drop", "looked_at"),
     [
-        (8.1, "sensor_offset_p1", 50.0, ["mounting_compliance"]),
-        (3.8, "sensor_offset_p1", 50.0, []),  # less than two floors
-        (8.1, "sensor_offset_p1", 14.0, []),  # chance
-        (8.1, None, 50.0, []),
+        (8.1, 8.1, 8.1, "sensor_offset_p1", 50.0, ["mounting_compliance"]),
+        (2.7, 7.4, 3.0, "sensor_offset_p1", 50.0, ["mounting_compliance"]),  # in the worst windows alone
+        (2.7, 3.0, 11.0, "sensor_offset_p1", 50.0, ["mounting_compliance"]),  # of the training runs
+        (3.8, 3.8, 3.8, "sensor_offset_p1", 50.0, []),  # less than two floors
+        (8.1, 8.1, 8.1, "sensor_offset_p1", 14.0, []),  # chance
+        (8.1, 8.1, 8.1, None, 50.0, []),
     ],
 )
-def test_beside_others_that_leave_two_floors_what_promises_most_gets_a_second_look(error, added, drop, looked_at, monkeypatch):
+def test_beside_others_that_leave_two_floors_what_promises_most_gets_a_second_look(
+    error, whole, fits, added, drop, looked_at, monkeypatch
+):
     """A soft mounting promised 0.2 % of the cost beside an offset that left 2.8 floors."""
     monkeypatch.setattr(rounds, "loudest", lambda _: 1.0)
-    current, first = stub(error, 25_900.0, added), stub(44.0, 29_400.0)
+    judge = SimpleNamespace(**{**vars(JUDGE), "fits": lambda _: fits})
+    current, first = replace(stub(error, 25_900.0, added), whole=whole), stub(44.0, 29_400.0)
     scores = [score("mounting_compliance", drop), score("friction_pressure", 0.5 * drop)]
-    assert [one.effect.name for one in rounds.open_to_second_looks(scores, [], None, current, first, JUDGE)] == looked_at
+    assert [one.effect.name for one in rounds.open_to_second_looks(scores, [], None, current, first, judge)] == looked_at
     helps = scores[0], stub(0.5 * error, 25_000.0)
-    assert not rounds.open_to_second_looks(scores, [], helps, current, first, JUDGE), "where nothing else helps"
-    assert not rounds.open_to_second_looks(scores, [helps], None, current, first, JUDGE), "it was refitted already"
+    assert not rounds.open_to_second_looks(scores, [], helps, current, first, judge), "where nothing else helps"
+    assert not rounds.open_to_second_looks(scores, [helps], None, current, first, judge), "it was refitted already"
