@@ -59,6 +59,17 @@ def test_any_four_edges_have_a_side_a_supply_and_a_port_that_set_them_apart(edge
             assert float(getattr(with_it, flow)) / float(getattr(without, flow)) == pytest.approx(edge / mean, abs=1e-4)
 
 
+@given(st.floats(-0.4, 0.4), st.floats(0.5, 9.9))
+def test_the_edges_of_one_side_grow_by_another_power_than_those_of_the_other(c, u):
+    """Both as far open at full command as without it; by the powers 1 + c above null and 1 - c below."""
+    plant, bare = plant_with("valve_asymmetry"), plant_with()
+    for sign in (1.0, -1.0):
+        with_it, without = at(plant, {"u": sign * u}, {"asymmetry_curve": c}), at(bare, {"u": sign * u})
+        for flow in ("mdot1", "mdot2"):
+            share = float(getattr(with_it, flow)) / float(getattr(without, flow))
+            assert share == pytest.approx((0.1 * u) ** (sign * c), rel=0.01)
+
+
 # --- dead zone ---
 
 

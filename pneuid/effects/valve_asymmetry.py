@@ -13,16 +13,20 @@ from pneuid.rig import Rig
 
 _SOURCE = "ISO 6358-1:2013, clause 5 (each flow path has its own conductance); Beater, Pneumatic Drives 2007, chapter 5"
 
+_ROUND = 0.01
+"""Opening below which a power of it is rounded."""
+
 _LEAST = 0.02
 """Smallest share of an edge's conductance."""
 
 
 class ValveAsymmetry(Effect):
     """Edges of ``C (1 + a (1 + e + t))`` (P-1), ``C (1 + a (1 - e - t))`` (2-R), ``C (1 - a (1 - e + t))`` (P-2) and
-    ``C (1 - a (1 + e - t))`` (1-R), up to full opening.
+    ``C (1 - a (1 + e - t))`` (1-R) at full opening; those used above null open by ``s^(1 + c)``, those below by ``s^(1 - c)``.
 
     ``a`` is half the relative difference between the edges used above null and those used below; of that size ``e`` sets the
-    supply edges apart from the exhaust edges, and ``t`` those of port 1 from those of port 2. Typical: a 2 to 10 %.
+    supply edges apart from the exhaust edges, and ``t`` those of port 1 from those of port 2. ``c`` is half the difference
+    between the powers of the opening with which the notches of the two sides grow. Typical: a 2 to 10 %, c up to 0.2.
     """
 
     name = "valve_asymmetry"
@@ -34,22 +38,25 @@ class ValveAsymmetry(Effect):
     rigs = ("servo",)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Half the relative difference of the two sides, and how unlike the two edges of a side are."""
+        """Half the differences of the two sides, in conductance and in power, and how unlike the two edges of a side are."""
         return (
             Parameter("asymmetry", "a_v", "1", -0.8, 0.8, 0.0, 0.05, _SOURCE, off=0.0),
+            Parameter("asymmetry_curve", "c_v", "1", -0.5, 0.5, 0.0, 0.05, _SOURCE, off=0.0),
             Parameter("asymmetry_supply", "e_v", "1", -2.0, 2.0, 0.0, 1.0, _SOURCE, prior=0.5),
             Parameter("asymmetry_port", "t_v", "1", -2.0, 2.0, 0.0, 1.0, _SOURCE, prior=0.5),
         )
 
     def edges(self, edges: Edges, scope: Scope) -> Edges:
-        """Widen the paths of one direction by what those of the other lose."""
+        """Widen the paths of one direction by what those of the other lose, and bend them the other way."""
         a, e, t = scope.p.asymmetry, scope.p.asymmetry_supply, scope.p.asymmetry_port
+        opened = ca.fmin(scope.opening**2, 1.0)
+        bend = ((opened + _ROUND**2) / (1.0 + _ROUND**2)) ** (0.5 * scope.p.asymmetry_curve)
         return replace(
             edges,
-            supply_1=_of(1.0 + a * (1.0 + e + t)) * edges.supply_1,
-            exhaust_2=_of(1.0 + a * (1.0 - e - t)) * edges.exhaust_2,
-            supply_2=_of(1.0 - a * (1.0 - e + t)) * edges.supply_2,
-            exhaust_1=_of(1.0 - a * (1.0 + e - t)) * edges.exhaust_1,
+            supply_1=_of(1.0 + a * (1.0 + e + t)) * edges.supply_1 * bend,
+            exhaust_2=_of(1.0 + a * (1.0 - e - t)) * edges.exhaust_2 * bend,
+            supply_2=_of(1.0 - a * (1.0 - e + t)) * edges.supply_2 / bend,
+            exhaust_1=_of(1.0 - a * (1.0 + e - t)) * edges.exhaust_1 / bend,
         )
 
 
