@@ -56,7 +56,8 @@ class Parameter:
 class State:
     """A state an effect brings. It relaxes towards a target: ``ds/dt = (target - s) / time_constant``.
 
-    initial, spread : value and 1-sigma at the start of a run; scale : typical size. All in ``unit``.
+    initial, spread : value and 1-sigma at the start of a run; scale : typical size. All in ``unit``. settled : a start that is
+    guessed is the target instead of ``initial``, as a filter starts that has long followed its signal.
     """
 
     name: str
@@ -64,6 +65,7 @@ class State:
     initial: float
     spread: float
     scale: float
+    settled: bool = False
 
 
 @dataclass

@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from operating import BENCH_POINT, at, plant_with
 from scipy.signal import lsim
 
+from pneuid.estimation.settled import starting_states
+
 H = 2.5e-4
 
 
@@ -91,7 +93,8 @@ def test_a_lagging_force_follows_a_reversal_and_does_not_smooth_the_pressures(sh
     theta = plant.theta(values_of(plant, values), RANGES)
     w = np.array([0.2, 0.02, 0.0, 4e5, 3e5])
     step = step_function(plant)
-    there = march(step, np.zeros(len(plant.states)), w, np.array([0.02, 0, 0, 0, 0]), H, 400, theta)
+    start = [_pushing() if name.startswith("push") else 0.0 for name in plant.states]
+    there = march(step, np.array(start), w, np.array([0.02, 0, 0, 0, 0]), H, 400, theta)
     w[1] = -0.02
     back = march(step, there[:, -1], w, np.array([-0.02, 0, 0, 0, 0]), H, 200, theta)
     shown, true = (
@@ -115,6 +118,33 @@ def test_a_lagging_force_follows_a_reversal_and_does_not_smooth_the_pressures(sh
     # a jump of the measured pressure is passed on at once
     jump = [float(at(plant, {"p1": p1, "F_followed": 10.0}, values).outputs["F"]) for p1 in (4e5, 4.1e5)]
     assert jump[1] - jump[0] == pytest.approx(-1e4 * rig("bench").A1, rel=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_a_lagging_force_is_late_by_its_delay_where_a_pressure_rises_evenly(share):
+    plant, rate, values = plant_with("sensor_lag_F", on=rig("bench")), 5e4, {"tau_F": 6e-3, "order_F": share}
+    theta, held = plant.theta(values_of(plant, values), RANGES), {"v": 0.0, "a": 0.0, "x": 0.2}
+    start = [_pushing() if name.startswith("push") else 0.0 for name in plant.states]
+    risen = march(step_function(plant), np.array(start), np.array([0.2, 0.0, 0.0, 4e5, 3e5]),
+                  np.array([0, 0, 0, rate, 0]), H, 2000, theta)[:, -1]  # fmt: skip
+    point = dict(zip(plant.states, risen, strict=True)) | held | {"p1": 4e5 + rate * 2000 * H}
+    shown, acting = (float(at(plant, point, given).outputs["F"]) for given in (values, {"tau_F": 0.0}))
+    assert shown - acting == pytest.approx(6e-3 * rate * rig("bench").A1, rel=0.01)
+
+
+def test_filters_start_where_they_have_settled():
+    """One behind the other: all on what acts at the first sample, other states at their own initial values."""
+    plant = plant_with("sensor_lag_F", "friction_warmup", on=rig("bench"))
+    point = BENCH_POINT | {"z": 1e-5}
+    states = np.array([[point.get(name, 0.0)] for name in plant.states])
+    theta = plant.theta(values_of(plant, {"tau_F": 5e-3, "order_F": 0.3}), RANGES)[:, None]
+    own = starting_states(plant, states, np.array([[point[name]] for name in plant.inputs]), theta)
+    found = dict(zip((state.name for state in plant.effect_states), own[:, 0], strict=True))
+    acting = float(at(plant_with(on=rig("bench")), point).outputs["F"]) + _pushing()
+    assert found["F_between"] == found["F_followed"] == pytest.approx(acting, rel=1e-9)
+    assert found["push_smooth"] == found["push_smoother"] == pytest.approx(_pushing(), rel=1e-9)
+    others = [state for state in plant.effect_states if not state.settled]
+    assert others and all(found[state.name] == state.initial for state in others)
 
 
 def _pushing() -> float:

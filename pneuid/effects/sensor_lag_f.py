@@ -12,12 +12,16 @@ _SOURCE = "Doebelin, Measurement Systems (McGraw-Hill 2003), section 3.3 (instru
 _SHORTEST = 2.0e-3
 """Time constant in s with which the lag is screened; below it the lag keeps its delay alone."""
 
+_SMOOTHING = 2.0e-2
+"""Time constant in s of the two lags behind which the rate of the pressure force is taken: long against samples, whose noise it
+would smooth, short against the time in which a regulator fills a chamber."""
+
 
 class SensorLagF(Effect):
     """The sensor shows ``F`` behind two lags in a row of mean delay ``tau``, of which the second has the share ``h``.
 
-    The lag is that of inertia, friction and weight. Regulators hold the chambers, so that the pressure force hardly changes
-    within ``tau``; lagging it would smooth the noise of the measured pressures and be rewarded for that alone.
+    The lags are those of inertia, friction and weight. The pressure force is late by ``tau`` times its rate, taken behind two
+    lags of 20 ms: lagging it would smooth the noise of the measured pressures and be rewarded for that alone.
     """
 
     name = "sensor_lag_F"
@@ -27,7 +31,12 @@ class SensorLagF(Effect):
     experiment = "fast reversals, where the force jumps by twice the friction"
     confused_with = ("friction_lag",)
     rigs = ("bench",)
-    states = (State("F_between", "N", 0.0, 100.0, 1.0), State("F_followed", "N", 0.0, 100.0, 1.0))
+    states = (
+        State("F_between", "N", 0.0, 100.0, 1.0, settled=True),
+        State("F_followed", "N", 0.0, 100.0, 1.0, settled=True),
+        State("push_smooth", "N", 0.0, 1000.0, 10.0, settled=True),
+        State("push_smoother", "N", 0.0, 1000.0, 10.0, settled=True),
+    )
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """Delay of the amplifier, milliseconds are usual, and the share of the second lag.
@@ -44,12 +53,14 @@ class SensorLagF(Effect):
         if signal != "F":
             return value
         lagging = scope.F + scope.pressure_force
-        return value - lagging + self._followed(lagging, scope)[0]
+        push_rate = (scope.state.push_smooth - scope.state.push_smoother) / _SMOOTHING
+        return value - lagging + self._followed(lagging, scope)[0] + scope.p.tau_F * push_rate
 
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
-        """It follows the force without that of the pressures."""
+        """It follows the force without that of the pressures, of which it knows the rate."""
         stages = self._followed(scope.F + scope.pressure_force, scope)[1]
-        return dict(zip(("F_between", "F_followed"), stages, strict=True))
+        smooth = (scope.pressure_force, _SMOOTHING), (scope.state.push_smooth, _SMOOTHING)
+        return dict(zip((state.name for state in self.states), (*stages, *smooth), strict=True))
 
     @staticmethod
     def _followed(force: Expression, scope: Scope) -> tuple[Expression, tuple[Stage, Stage]]:

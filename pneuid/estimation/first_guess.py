@@ -13,6 +13,7 @@ import numpy as np
 from pneuid.estimation.differentiate import Motion
 from pneuid.estimation.own import declared
 from pneuid.estimation.preparation import Run
+from pneuid.estimation.settled import starting_states
 from pneuid.physics import motion as mechanics
 from pneuid.physics.gas import R_AIR, RHO_REFERENCE, T_REFERENCE
 from pneuid.physics.smoothing import FINE
@@ -192,7 +193,7 @@ def bristle(plant: Plant, run: Run, motion: Motion, values: dict) -> np.ndarray:
 def followed_effects(
     plant: Plant, run: Run, motion: Motion, z: np.ndarray, values: dict
 ) -> tuple[np.ndarray, np.ndarray]:
-    """States ``(ne, N)`` that the effects bring, followed along the measured trajectory from their initial values, and how
+    """States ``(ne, N)`` that the effects bring, followed along the measured trajectory from their starts, and how
     fast they forget ``(ne, N)``, 1/s; ``z`` (N,) is the bristle's deflection in m."""
     count = len(plant.states) - len(plant.effect_states)
     core, own = ca.SX.sym("core", count), ca.SX.sym("own", len(plant.effect_states))
@@ -212,10 +213,11 @@ def followed_effects(
     known |= {name: _averaged(run.measured(name)) for name in ("p1", "p2") if name in plant.outputs}
     given = np.vstack([run.input(name) for name in plant.inputs])
     column = np.repeat(plant.theta(values, _OPEN_RANGES, run.own.mass)[:, None], run.n, axis=1)
-    first = np.array([state.initial for state in plant.effect_states])
     signals = np.vstack([known.get(name, np.zeros(run.n)) for name in plant.states[:count]])
+    every = np.vstack([signals, np.zeros((len(plant.effect_states), run.n))])
+    first = starting_states(plant, every[:, :1], given[:, :1], column[:, :1])
     moved, decays = (np.asarray(item) for item in along(first, signals, given, column, run.data[0]))
-    return np.hstack([first[:, None], moved[:, :-1]]), decays
+    return np.hstack([first, moved[:, :-1]]), decays
 
 
 def _averaged(y: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ from pneuid.effect import Effect, Parameter
 from pneuid.estimation.assembly import relaxed_system
 from pneuid.estimation.factor import factorised
 from pneuid.estimation.fit import Fit
+from pneuid.estimation.settled import starting_states
 from pneuid.estimation.shooting import Scaling
 from pneuid.interval import begin, trajectory_function
 from pneuid.mapped import Mapped
@@ -367,12 +368,13 @@ def _rolled_out(fitted: Fitted, plant: Plant, values: Sequence[dict[str, float]]
     fresh = [i for i, name in enumerate(plant.states) if name not in problem.plant.states]
     if not fresh or not many:
         return list(nodes.transpose(1, 0, 2))
-    initial = {state.name: state.initial for state in plant.effect_states}
     counts = np.diff(problem.first)
     step = Mapped(trajectory_function(plant, problem.samples, problem.substeps), many * counts.size)
     theta = np.stack([problem.theta_of(one, plant) for one in values], axis=1)
     data = problem.data.reshape(problem.data.shape[0], problem.nint, -1)
-    own = np.tile(np.array([initial[plant.states[i]] for i in fresh])[:, None, None], (many, counts.size))
+    first, inputs = problem.first[:-1], data[1 : 1 + len(plant.inputs), problem.first[:-1], 0]
+    starts = [starting_states(plant, nodes[:, j, first], inputs, theta[:, j, first]) for j in range(many)]
+    own = np.stack(starts, axis=1)[np.array(fresh) - len(plant.states)]
     for k in range(counts.max()):
         # all runs with all values at once; a run that has ended stays at its last interval
         at = problem.first[:-1] + np.minimum(k, counts - 1)
