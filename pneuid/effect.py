@@ -183,6 +183,14 @@ class Effect:
         """Declarations of its parameters on this rig."""
         raise NotImplementedError(self.name)
 
+    def looks(self, rig: Rig, law: FrictionLaw) -> tuple[dict[str, float], ...]:
+        """Shapes, SI by name, with which screening looks for it besides the usual ones.
+
+        Empty where one standard deviation to either side of each will do, and that only where it promises little. A resonance
+        shows nothing of itself a tenth beside its frequency.
+        """
+        return ()
+
     def break_away(self, values: Mapping[str, float], ratio: float) -> dict[str, float]:
         """Own parameters, SI, with which static friction is ``ratio`` times Coulomb friction wherever this effect moves that.
 

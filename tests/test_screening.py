@@ -366,3 +366,14 @@ def test_what_promises_far_less_than_another_is_looked_at_with_other_shapes(long
     assert not lag.shapes and lag.drop == 8_000.0
     assert cushion.drop == (short if start == "short" else long)
     assert list(cushion.shapes) == (["L_cushion"] if start == "short" else [])
+
+
+@pytest.mark.parametrize("little", [0.0, 1e9])
+def test_a_mount_is_looked_for_at_every_frequency(little):
+    """A tenth beside its natural frequency a mount promises next to nothing; the position is read on the machine here."""
+    fitted, mount = Fitted(base_fit("mounting_compliance")), CATALOGUE["mounting_compliance"]
+    batch = Batch(fitted, [mount], list(CATALOGUE))
+    usual = module._screened(batch)
+    (found,) = module._at_best_shapes(batch, usual, little)
+    assert found.drop > 2.0 * usual[0].drop
+    assert dict(found.shapes) in mount.looks(rig(), batch.plant.law) and found.shapes["read_mount"] == 1.0

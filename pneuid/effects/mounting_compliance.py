@@ -9,6 +9,9 @@ from pneuid.rig import Rig
 
 _SOURCE = "Den Hartog, Mechanical Vibrations (4th ed., McGraw-Hill 1956), section 3.2 (two degrees of freedom)"
 
+_FREQUENCIES = tuple(40.0 * 1.2**k for k in range(14))
+"""Natural frequencies in rad/s, 40 to 430, so close that a mount of usual damping swings along with one of them."""
+
 
 class MountingCompliance(Effect):
     """Body of mass ``m/mu`` on a mount of natural frequency ``w`` and damping ratio ``zeta``; ``x`` is the piston's way in it.
@@ -35,6 +38,10 @@ class MountingCompliance(Effect):
             Parameter("zeta_mount", "ζ", "1", 0.01, 1.0, 0.08, 1.0, _SOURCE, positive=True, prior=1.0),
             Parameter("read_mount", "r", "1", 0.0, 1.0, 0.5, 0.3, _SOURCE),
         )
+
+    def looks(self, rig: Rig, law: FrictionLaw) -> tuple[dict[str, float], ...]:
+        """Frequencies over the usual range, by a position sensor on the body and by one on the machine."""
+        return tuple({"w_mount": w, "read_mount": r} for r in (0.0, 1.0) for w in _FREQUENCIES)
 
     def _pull(self, scope: Scope) -> Expression:
         """Acceleration of ``q`` by the mount alone, m/s^2."""
