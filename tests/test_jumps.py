@@ -12,7 +12,7 @@ from pneuid.criticism.decision.acceptance import LEAST_DROP
 from pneuid.criticism.decision.rounds import OVERTAKES
 from pneuid.criticism.screening import jumps as screening_jumps
 from pneuid.criticism.screening.jumps import Jump, jumped
-from pneuid.criticism.screening.scores import Fitted
+from pneuid.criticism.screening.scores import Batch, Fitted, screen
 from pneuid.effects import CATALOGUE
 from pneuid.plant import Plant
 
@@ -119,3 +119,11 @@ def test_the_drop_is_that_of_the_best_multiple_up_to_twice():
         ),
     )
     assert found.drop == pytest.approx(best, rel=1e-3)
+
+
+@pytest.mark.parametrize("far", [1e200, np.inf, np.nan])
+def test_a_step_that_runs_away_promises_nothing_and_warns_nobody(far, monkeypatch):
+    found, usual = scores(), Batch.change
+    monkeypatch.setattr(Batch, "change", lambda *how: usual(*how) + np.where(np.arange(len(how[0].before)) < 9, far, 0.0))
+    assert all(jump.drop == 0.0 for jump in jumped(base_fit(), found, sizes(), list(CATALOGUE)).values())
+    assert all(score.drop == 0.0 for score in screen(base_fit(), [CATALOGUE[name] for name in NAMES], list(CATALOGUE)))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pneuid.criticism.screening.scores import Batch, Fitted, Score, batches, in_order
+from pneuid.criticism.screening.scores import RUNS_AWAY, Batch, Fitted, Score, batches, in_order
 from pneuid.effect import Effect, Parameter
 from pneuid.estimation.fit import Fit
 
@@ -76,7 +76,7 @@ def _best_step(fitted: Fitted, batch: Batch, effect: Effect, size: Mapping[str, 
     steps = [dict(size) | {item.name: _stepped(batch, item, size, part) for item in items} for part in parts]
     for moved, nodes in zip(steps, batch.followed(steps) if effect.states else [batch.nodes] * len(steps), strict=True):
         change = batch.change(moved, nodes)
-        if np.all(np.isfinite(change)) and np.any(change):
+        if 0.0 < np.abs(change).max() < RUNS_AWAY:
             drop = _drop_along(fitted, change)
             best = Jump(drop, moved) if drop > best.drop else best
     return best

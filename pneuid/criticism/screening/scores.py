@@ -46,6 +46,9 @@ STEP = 1e-8
 """Step of an amplitude, in units of its scale, by which a column is taken as a difference: stick makes the response curve
 within 1e-6, rounding disturbs it by 1e-4 of a sensor's noise at this step."""
 
+RUNS_AWAY = 1e12
+"""Change of a residual, in noise levels, from which an effect leads where nothing can be followed, and promises nothing."""
+
 
 @dataclass(frozen=True)
 class Score:
@@ -169,7 +172,8 @@ class Fitted:
         """Weighted outputs and end states of ``plant``, stacked; states that the fitted plant lacks are left out."""
         problem = self.fit.problem
         outputs, states = run(nodes, problem.data, problem.theta_of(values, plant))
-        shown = outputs * problem.data[-len(plant.outputs) :]
+        with np.errstate(invalid="ignore"):  # what runs away over a masked sample is not finite, and promises nothing
+            shown = outputs * problem.data[-len(plant.outputs) :]
         own = [plant.states.index(name) for name in problem.plant.states]
         ends = states[own, problem.samples :: problem.samples + 1] / problem.state_scale[:, None]
         return np.concatenate([shown.T.ravel(), ends[:, problem.linked].T.ravel() / problem.relaxation])
@@ -276,8 +280,8 @@ class _Columns:
             q[j] += STEP
             moved = {item.name: float(self.scaling.to_values(q)[j])}
             column = batch.change(shapes | moved, nodes) / STEP
-            # states with shapes too fast for the sampling of these records run away: nothing is promised then
-            self.raw[:, j] = column if np.isfinite(column).all() else 0.0
+            # states with shapes too fast for the sampling of these records run away
+            self.raw[:, j] = column if np.abs(column).max() < RUNS_AWAY else 0.0
         self.base = fitted.cross(self.raw)
         prior = np.array([_prior(item) for item in self.items]).reshape(-1, 2)
         solved = fitted.solver.solve(self.base)
