@@ -163,6 +163,9 @@ class Effect:
     guarantees: tuple[str, ...] = ()
     """Promises checked by the contract suite: ``dissipative``, ``conserves mass``."""
     states: Sequence[State] = ()
+    looks: Sequence[Mapping[str, float]] = ()
+    """Shapes, SI by name, with which screening looks for it besides the usual ones: a resonance shows little of itself beside
+    its frequency. Empty where one standard deviation to either side of each will do, and that only where it promises little."""
     laws: tuple[str, ...] = tuple(LAWS)
     """Friction laws that it can stand beside."""
     richer_law: str | None = None
@@ -182,14 +185,6 @@ class Effect:
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """Declarations of its parameters on this rig."""
         raise NotImplementedError(self.name)
-
-    def looks(self, rig: Rig, law: FrictionLaw) -> tuple[dict[str, float], ...]:
-        """Shapes, SI by name, with which screening looks for it besides the usual ones.
-
-        Empty where one standard deviation to either side of each will do, and that only where it promises little. A resonance
-        shows nothing of itself a tenth beside its frequency.
-        """
-        return ()
 
     def break_away(self, values: Mapping[str, float], ratio: float) -> dict[str, float]:
         """Own parameters, SI, with which static friction is ``ratio`` times Coulomb friction wherever this effect moves that.

@@ -30,16 +30,17 @@ def test_an_offset_is_a_null_shift_in_the_rig_file(offset, u):
     assert float(freed.mdot1) == pytest.approx(float(said.mdot1), rel=1e-9, abs=1e-12)
 
 
+def _shares(values, u):
+    """Flows into both chambers with unlike sides, over those of like ones."""
+    with_it, without = at(plant_with("valve_asymmetry"), {"u": u}, values), at(plant_with(), {"u": u})
+    return [float(getattr(with_it, flow)) / float(getattr(without, flow)) for flow in ("mdot1", "mdot2")]
+
+
 @given(st.floats(-0.7, 0.7), st.floats(0.5, 15.0))
 def test_the_two_sides_pass_flows_in_the_ratio_of_their_conductances_up_to_full_opening(a, u):
-    plant, bare = plant_with("valve_asymmetry"), plant_with()
     for sign in (1.0, -1.0):
-        with_it, without = at(plant, {"u": sign * u}, {"asymmetry": a}), at(bare, {"u": sign * u})
-        for flow in ("mdot1", "mdot2"):
-            # the closed edge is open by half the smoothing width, 5e-7
-            assert float(getattr(with_it, flow)) / float(getattr(without, flow)) == pytest.approx(
-                1 + sign * a, abs=1e-4
-            )
+        # the closed edge is open by half the smoothing width, 5e-7
+        assert _shares({"asymmetry": a}, sign * u) == pytest.approx([1 + sign * a] * 2, abs=1e-4)
 
 
 @given(st.lists(st.floats(0.5, 1.5), min_size=4, max_size=4), st.floats(0.5, 9.0))
@@ -51,23 +52,16 @@ def test_any_four_edges_have_a_side_a_supply_and_a_port_that_set_them_apart(edge
     assume(abs(a) > 0.02)
     e = (supply_1 - exhaust_2 + supply_2 - exhaust_1) / (4.0 * mean) / a
     t = (supply_1 - exhaust_2 - supply_2 + exhaust_1) / (4.0 * mean) / a
-    plant, bare = plant_with("valve_asymmetry"), plant_with()
     values = {"asymmetry": a, "asymmetry_supply": e, "asymmetry_port": t}
-    for sign, one, two in ((1.0, supply_1, exhaust_2), (-1.0, exhaust_1, supply_2)):
-        with_it, without = at(plant, {"u": sign * u}, values), at(bare, {"u": sign * u})
-        for flow, edge in (("mdot1", one), ("mdot2", two)):
-            assert float(getattr(with_it, flow)) / float(getattr(without, flow)) == pytest.approx(edge / mean, abs=1e-4)
+    for sign, *open_edges in ((1.0, supply_1, exhaust_2), (-1.0, exhaust_1, supply_2)):
+        assert _shares(values, sign * u) == pytest.approx([edge / mean for edge in open_edges], abs=1e-4)
 
 
 @given(st.floats(-0.4, 0.4), st.floats(0.5, 9.9))
 def test_the_edges_of_one_side_grow_by_another_power_than_those_of_the_other(c, u):
     """Both as far open at full command as without it; by the powers 1 + c above null and 1 - c below."""
-    plant, bare = plant_with("valve_asymmetry"), plant_with()
     for sign in (1.0, -1.0):
-        with_it, without = at(plant, {"u": sign * u}, {"asymmetry_curve": c}), at(bare, {"u": sign * u})
-        for flow in ("mdot1", "mdot2"):
-            share = float(getattr(with_it, flow)) / float(getattr(without, flow))
-            assert share == pytest.approx((0.1 * u) ** (sign * c), rel=0.01)
+        assert _shares({"asymmetry_curve": c}, sign * u) == pytest.approx([(0.1 * u) ** (sign * c)] * 2, rel=0.01)
 
 
 # --- dead zone ---

@@ -9,8 +9,9 @@ from pneuid.rig import Rig
 
 _SOURCE = "Den Hartog, Mechanical Vibrations (4th ed., McGraw-Hill 1956), section 3.2 (two degrees of freedom)"
 
-_FREQUENCIES = tuple(40.0 * 1.2**k for k in range(14))
-"""Natural frequencies in rad/s, 40 to 430, so close that a mount of usual damping swings along with one of them."""
+_LOOKS = tuple({"w_mount": 40.0 * 1.2**k, "read_mount": r} for r in (0.0, 1.0) for k in range(14))
+"""Natural frequencies in rad/s, 40 to 430, so close that a mount of usual damping swings along with one of them; the position
+sensor on the body or on the machine."""
 
 
 class MountingCompliance(Effect):
@@ -28,6 +29,7 @@ class MountingCompliance(Effect):
     experiment = "fast reversals: steps or a sweep over the mount's natural frequency"
     confused_with = ("load_mass", "backlash")
     rigs = ("servo",)
+    looks = _LOOKS
     states = (State("recoil", "m", 0.0, 2e-3, 1e-3), State("recoil_speed", "m/s", 0.0, 0.2, 5e-2))
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
@@ -38,10 +40,6 @@ class MountingCompliance(Effect):
             Parameter("zeta_mount", "ζ", "1", 0.01, 1.0, 0.08, 1.0, _SOURCE, positive=True, prior=1.0),
             Parameter("read_mount", "r", "1", 0.0, 1.0, 0.5, 0.3, _SOURCE),
         )
-
-    def looks(self, rig: Rig, law: FrictionLaw) -> tuple[dict[str, float], ...]:
-        """Frequencies over the usual range, by a position sensor on the body and by one on the machine."""
-        return tuple({"w_mount": w, "read_mount": r} for r in (0.0, 1.0) for w in _FREQUENCIES)
 
     def _pull(self, scope: Scope) -> Expression:
         """Acceleration of ``q`` by the mount alone, m/s^2."""

@@ -231,11 +231,10 @@ def _screened(batch: Batch) -> list[Change]:
 def _at_best_shapes(batch: Batch, usual: Sequence[Change], little: float) -> list[Change]:
     """The changes by the effects of one batch; by one that promises less than ``little``, or names shapes to look at, with
     those that promise most."""
-    where = {one.effect.name: one.effect.looks(batch.plant.rig, batch.plant.law) for one in usual}
-    for one in usual:
-        if not where[one.effect.name] and one.drop < little:
-            where[one.effect.name] = tuple(_shapes(batch.plant, one.effect))
-    asked = [(one.effect, shapes) for one in usual for shapes in where[one.effect.name]]
+    asked = [
+        (one.effect, shapes) for one in usual
+        for shapes in one.effect.looks or (_shapes(batch.plant, one.effect) if one.drop < little else ())
+    ]  # fmt: skip
     followed = iter(batch.followed([shapes for effect, shapes in asked if effect.states]))
     found = {one.effect.name: one for one in usual}
     worth = {one.effect.name: max(TELLABLE, SHAPED * one.drop) for one in usual}
