@@ -11,8 +11,10 @@ from helpers import base_fit, scores
 from pneuid.criticism.decision.acceptance import LEAST_DROP
 from pneuid.criticism.decision.rounds import OVERTAKES
 from pneuid.criticism.screening import jumps as screening_jumps
+from pneuid.criticism.screening.batches import Batch
+from pneuid.criticism.screening.fitted import Fitted
 from pneuid.criticism.screening.jumps import Jump, jumped
-from pneuid.criticism.screening.scores import Batch, Fitted, screen
+from pneuid.criticism.screening.scores import screen
 from pneuid.effects import CATALOGUE
 from pneuid.plant import Plant
 

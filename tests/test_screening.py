@@ -18,8 +18,10 @@ from pneuid.criticism.prediction.frozen import Frozen
 from pneuid.criticism.prediction.horizons import Prediction, predict, rmse, typical
 from pneuid.criticism.prediction.noise_floor import noise_floor
 from pneuid.criticism.screening import scores as module
+from pneuid.criticism.screening.batches import Batch, _rolled_out
 from pneuid.criticism.screening.defect_shapes import defect_shapes
-from pneuid.criticism.screening.scores import Batch, Change, Fitted, Score, _rolled_out, screen, screened
+from pneuid.criticism.screening.fitted import Fitted
+from pneuid.criticism.screening.scores import Change, Score, screen, screened
 from pneuid.effects import CATALOGUE, effects_by_name
 from pneuid.estimation.assembly import relaxed_system
 from pneuid.estimation.first_guess import first_nodes
@@ -309,7 +311,7 @@ def test_what_an_effect_changes_lowers_the_cost_by_the_predicted_drop(hidden, na
     """The stacked residuals with the projected change beside them, against the drop from the projected products."""
     fitted = Fitted(base_fit(hidden))
     (change,) = screened(fitted, [CATALOGUE[name]], tuple(CATALOGUE))
-    after = fitted.residual + fitted.projected(change)
+    after = fitted.residual + fitted.projected(change.raw, change.base)
     drop = 0.5 * float(fitted.residual @ fitted.residual - after @ after)
     # the weak priors of the fitted parameters and nodes stand beside the residuals
     assert drop == pytest.approx(change.drop, rel=0.05)

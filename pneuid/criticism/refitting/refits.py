@@ -9,7 +9,7 @@ import numpy as np
 
 from pneuid.criticism.prediction.frozen import Frozen
 from pneuid.criticism.prediction.horizons import predict, typical
-from pneuid.criticism.screening.scores import in_order
+from pneuid.criticism.screening.batches import in_order
 from pneuid.effect import Effect
 from pneuid.estimation.first_guess import BREAK_AWAY, first_guess, motions
 from pneuid.estimation.fit import Fit, comparable_costs, fit, near

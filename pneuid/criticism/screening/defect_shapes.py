@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pneuid.criticism.screening.scores import Change, Fitted, screened
+from pneuid.criticism.screening.fitted import Fitted
+from pneuid.criticism.screening.scores import Change, screened
 from pneuid.effect import Effect
 from pneuid.estimation.fit import Fit
 
@@ -77,7 +78,7 @@ def defect_shapes(fit: Fit, effects: Sequence[Effect], order: Sequence[str]) -> 
 
 def _balances(fitted: Fitted, change: Change) -> list[_Balance]:
     """What every equation leaves per linked interval, and what the change takes of it."""
-    problem, projected = fitted.fit.problem, fitted.projected(change)
+    problem, projected = fitted.fit.problem, fitted.projected(change.raw, change.base)
     if not fitted.fit.plant.servo:
         rows, j = (problem.nint, problem.samples, len(problem.plant.outputs)), problem.plant.outputs.index("F")
         weight = problem.data[-rows[2] :].T.reshape(rows)[problem.linked, :, j]

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pneuid.criticism.screening.scores import RUNS_AWAY, Batch, Fitted, Score, batches, in_order
+from pneuid.criticism.screening.batches import Batch, batches, in_order
+from pneuid.criticism.screening.fitted import Fitted
+from pneuid.criticism.screening.scores import RUNS_AWAY, Score
 from pneuid.effect import Effect, Parameter
 from pneuid.estimation.fit import Fit
 

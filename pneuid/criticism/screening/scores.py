@@ -9,28 +9,22 @@ of the time that derivatives by every effect of the catalogue take.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from pneuid.cores import threads
+from pneuid.criticism.screening.batches import Batch, batches, plant_with
+from pneuid.criticism.screening.fitted import Fitted
 from pneuid.effect import Effect, Parameter
-from pneuid.estimation.assembly import relaxed_system
-from pneuid.estimation.factor import factorised
 from pneuid.estimation.fit import Fit
-from pneuid.estimation.settled import starting_states
 from pneuid.estimation.shooting import Scaling
-from pneuid.interval import begin, trajectory_function
-from pneuid.mapped import Mapped
+from pneuid.interval import begin
 from pneuid.plant import Plant
 
 COLLINEAR = 0.9
 """Correlation of predicted changes above which two effects are one group."""
-
-BATCH_COLUMNS, BATCH_STATES = 12, 4
-"""Amplitudes and states of the effects that share one compiled plant."""
 
 TELLABLE = 3.0
 """Predicted drop below which an effect's change is noise and is grouped with nothing."""
@@ -104,7 +98,7 @@ def screen(fit: Fit, candidates: Sequence[Effect], order: Sequence[str]) -> list
     problem = fit.problem
     begin(fit.plant, problem.function.selected, problem.samples, ("jacobian",))
     for batch in batches(fit.plant, chosen):
-        begin(_plant_with(fit.plant, batch, order), (), problem.samples, ("trajectory",))
+        begin(plant_with(fit.plant, batch, order), (), problem.samples, ("trajectory",))
     fitted = Fitted(fit)
     changes = screened(fitted, chosen, order)
     groups = _groups(fitted, changes)
@@ -132,94 +126,6 @@ def screened(fitted: Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> 
     usual = [_screened(batch) for batch in every]
     little = max(TELLABLE, BEHIND * max(change.drop for changes in usual for change in changes))
     return [change for batch, changes in zip(every, usual, strict=True) for change in _at_best_shapes(batch, changes, little)]
-
-
-class Fitted:
-    """What was fitted: residuals, their Jacobian and a solver for the Hessian of the free variables.
-
-    Residuals are stacked: weighted outputs of every interval, sample by sample, then the defects in units of their
-    allowed spread.
-    """
-
-    def __init__(self, fit: Fit) -> None:
-        self.fit = fit
-        problem, X = fit.problem, fit.relaxed.X
-        q = X[: problem.nq]
-        width = problem.scaling.upper - problem.scaling.lower
-        held = (q - problem.scaling.lower < 1e-3 * width) | (problem.scaling.upper - q < 1e-3 * width)
-        self.free = np.concatenate([np.flatnonzero(~held), np.arange(problem.nq, problem.size)])
-        gradient, hessian = relaxed_system(problem, X)
-        H = hessian[self.free][:, self.free]
-        self.gradient = gradient[self.free]
-        self.solver = factorised(H, int((~held).sum()))
-        self.rows, self.ends = problem.jacobian(X)
-        self.ends = self.ends[problem.linked] / problem.relaxation
-        values = dict(zip(problem.free, problem.scaling.to_values(q), strict=True))
-        self.values = problem.values | values
-        self.nodes = problem.split(X)[1]
-        shown = self.response(self.runner(problem.plant), problem.plant, self.nodes, self.values)
-        ny = len(problem.plant.outputs)
-        measured = problem.data[-2 * ny : -ny] * problem.data[-ny:]
-        defect = -(self.nodes / problem.state_scale[:, None])[:, problem.linked + 1].T / problem.relaxation
-        self.residual = shown + np.concatenate([-measured.T.ravel(), defect.ravel()])
-
-    def runner(self, plant: Plant) -> Mapped:
-        """Trajectories of ``plant`` over all intervals."""
-        problem = self.fit.problem
-        return Mapped(trajectory_function(plant, problem.samples, problem.substeps), problem.nint, threads())
-
-    def response(self, run: Mapped, plant: Plant, nodes: np.ndarray, values: dict[str, float]) -> np.ndarray:
-        """Weighted outputs and end states of ``plant``, stacked; states that the fitted plant lacks are left out."""
-        problem = self.fit.problem
-        outputs, states = run(nodes, problem.data, problem.theta_of(values, plant))
-        with np.errstate(invalid="ignore"):  # what runs away over a masked sample is not finite, and promises nothing
-            shown = outputs * problem.data[-len(plant.outputs) :]
-        own = [plant.states.index(name) for name in problem.plant.states]
-        ends = states[own, problem.samples :: problem.samples + 1] / problem.state_scale[:, None]
-        return np.concatenate([shown.T.ravel(), ends[:, problem.linked].T.ravel() / problem.relaxation])
-
-    def cross(self, change: np.ndarray) -> np.ndarray:
-        """Inner products ``(free, k)`` of stacked changes ``(m, k)`` with the columns of the free variables."""
-        problem = self.fit.problem
-        k, split = change.shape[1], self.rows.shape[0] * self.rows.shape[1]
-        defects = change[split:].reshape(problem.linked.size, problem.ns, k)
-        blocks = self.rows.transpose(0, 2, 1) @ change[:split].reshape(problem.nint, -1, k)
-        blocks[problem.linked] += self.ends.transpose(0, 2, 1) @ defects
-        nodes = blocks[:, problem.nq :]
-        nodes[problem.linked + 1] -= defects / problem.relaxation
-        found = np.concatenate([blocks[:, : problem.nq].sum(axis=0), nodes.reshape(-1, k)])
-        return np.asarray(found[self.free])
-
-    def projected(self, change: Change) -> np.ndarray:
-        """The stacked change orthogonal to the fitted parameters and nodes: what is left of it once they have followed."""
-        problem = self.fit.problem
-        follow = np.zeros(problem.size)
-        follow[self.free] = -self.solver.solve(change.base)
-        nodes = follow[problem.nq :].reshape(problem.nint, problem.ns)
-        local = np.hstack([np.tile(follow[: problem.nq], (problem.nint, 1)), nodes])
-        rows = np.einsum("ikw,iw->ik", self.rows, local)
-        ends = np.einsum("ikw,iw->ik", self.ends, local[problem.linked]) - nodes[problem.linked + 1] / problem.relaxation
-        return np.asarray(change.raw + np.concatenate([rows.ravel(), ends.ravel()]))
-
-
-def batches(plant: Plant, chosen: Sequence[Effect]) -> Iterator[list[Effect]]:
-    """The candidates in their order, a few amplitudes and states at a time."""
-    batch: list[Effect] = []
-    columns = states = 0
-    for effect in chosen:
-        own = len(_amplitudes(plant, effect))
-        if batch and (columns + own > BATCH_COLUMNS or states + len(effect.states) > BATCH_STATES):
-            yield batch
-            batch, columns, states = [], 0, 0
-        batch.append(effect)
-        columns, states = columns + own, states + len(effect.states)
-    if batch:
-        yield batch
-
-
-def _amplitudes(plant: Plant, effect: Effect) -> list[Parameter]:
-    """Parameters that are zero while the effect is off; shapes mean nothing then."""
-    return [item for item in effect.parameters(plant.rig, plant.law) if item.off is not None]
 
 
 def _screened(batch: Batch) -> list[Change]:
@@ -303,42 +209,6 @@ class _Columns:
         return Change(effect, drop, start, self.raw[:, rows] @ step, self.base[:, rows] @ step, self.shapes)
 
 
-class Batch:
-    """The fitted plant with some effects more, all of them off: how it responds when they are not."""
-
-    def __init__(self, fitted: Fitted, chosen: Sequence[Effect], order: Sequence[str]) -> None:
-        self.fitted, self.chosen, self.plant = fitted, list(chosen), _plant_with(fitted.fit.plant, chosen, order)
-        self.amplitudes = [item for effect in chosen for item in _amplitudes(self.plant, effect)]
-        self.off = {item.name: float(item.off or 0.0) for item in self.amplitudes}
-        self.values = self.plant.starts() | fitted.values | self.off
-        self.nodes, *_ = self.followed([{}])
-        self._run = fitted.runner(self.plant)
-        self.before = fitted.response(self._run, self.plant, self.nodes, self.values)
-
-    def of(self, effect: Effect) -> list[Parameter]:
-        """The amplitudes of one effect."""
-        own = self.plant.own_parameters(effect.name)
-        return [item for item in self.amplitudes if item.name in own]
-
-    def followed(self, moved: Sequence[Mapping[str, float]]) -> list[np.ndarray]:
-        """Nodes ``(ns, nint)`` with the effects' own states as they come out with each of the values ``moved``."""
-        return _rolled_out(self.fitted, self.plant, [self.values | dict(one) for one in moved])
-
-    def change(self, moved: Mapping[str, float], nodes: np.ndarray) -> np.ndarray:
-        """Change of the stacked residuals when some values (SI) are moved."""
-        return self.fitted.response(self._run, self.plant, nodes, self.values | dict(moved)) - self.before
-
-
-def _plant_with(plant: Plant, effects: Sequence[Effect], order: Sequence[str]) -> Plant:
-    return Plant(plant.rig, plant.law.name, in_order([*plant.effects, *effects], order))
-
-
-def in_order(effects: Iterable[Effect], order: Sequence[str]) -> list[Effect]:
-    """The effects in the catalogue's ``order`` of names, those that it does not hold last."""
-    position = {name: i for i, name in enumerate(order)}
-    return sorted(effects, key=lambda effect: position.get(effect.name, len(position)))
-
-
 def _prior(item: Parameter) -> tuple[float, float]:
     """Inverse spread (0 where there is none) and centre of a parameter's prior in search units."""
     centre = float(Scaling([item]).to_q(np.array([item.start]))[0])
@@ -364,34 +234,6 @@ def _groups(fitted: Fitted, changes: Sequence[Change]) -> dict[str, tuple[str, .
             other.effect.name for j, other in enumerate(leading) if j != i and near[i, j]
         )
     return groups
-
-
-def _rolled_out(fitted: Fitted, plant: Plant, values: Sequence[dict[str, float]]) -> list[np.ndarray]:
-    """Nodes of ``plant`` with each of some ``values``: the fitted states, and the candidates' own filled in by following the
-    fitted trajectory."""
-    problem, many = fitted.fit.problem, len(values)
-    nodes = np.zeros((len(plant.states), many, problem.nint))
-    for name, row in zip(problem.plant.states, fitted.nodes, strict=True):
-        nodes[plant.states.index(name)] = row
-    fresh = [i for i, name in enumerate(plant.states) if name not in problem.plant.states]
-    if not fresh or not many:
-        return list(nodes.transpose(1, 0, 2))
-    counts = np.diff(problem.first)
-    step = Mapped(trajectory_function(plant, problem.samples, problem.substeps), many * counts.size)
-    theta = np.stack([problem.theta_of(one, plant) for one in values], axis=1)
-    data = problem.data.reshape(problem.data.shape[0], problem.nint, -1)
-    first, inputs = problem.first[:-1], data[1 : 1 + len(plant.inputs), problem.first[:-1], 0]
-    starts = [starting_states(plant, nodes[:, j, first], inputs, theta[:, j, first]) for j in range(many)]
-    own = np.stack(starts, axis=1)[np.array(fresh) - len(plant.states)]
-    for k in range(counts.max()):
-        # all runs with all values at once; a run that has ended stays at its last interval
-        at = problem.first[:-1] + np.minimum(k, counts - 1)
-        nodes[np.ix_(fresh, range(many), at)] = own
-        measured = np.tile(data[:, at], (1, many, 1)).reshape(data.shape[0], -1)
-        _, states = step(nodes[:, :, at].reshape(len(nodes), -1), measured, theta[:, :, at].reshape(len(theta), -1))
-        ended = states[fresh, problem.samples :: problem.samples + 1].reshape(own.shape)
-        own = np.where(k + 1 < counts, ended, own)
-    return list(nodes.transpose(1, 0, 2))
 
 
 def _best_step(M: np.ndarray, g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
