@@ -55,6 +55,29 @@ def moved(
     return found, dict(zip(plant.states, path, strict=True))
 
 
+# --- friction along the stroke ---
+
+
+@pytest.mark.parametrize(("height", "width", "place"), [(0.4, 0.05, 0.3), (1.5, 0.05, 0.62), (-0.3, 0.1, 0.5)])
+def test_the_waves_follow_a_tight_ring_without_straining_their_priors(height, width, place):
+    plant = plant_with("friction_position")
+    waves = [item for item in plant.parameters if plant.owner[item.name] == "friction_position"]
+    s = np.linspace(0.0, 1.0, 201)
+    wanted = height * np.exp(-(((s - place) / width) ** 2))
+    low, high = RANGES["x_low"], RANGES["x_high"]
+
+    def factor(values: dict[str, float]) -> np.ndarray:
+        theta = plant.theta(values_of(plant, BASE | values), RANGES)
+        along = [plant.evaluate([0.0], [low + (high - low) * at, 0.05, 0.0, 1.2e5, 1.2e5], theta) for at in s]
+        return np.array([float(one.coefficients.Fc) for one in along]) / BASE["Fc"] - 1.0
+
+    columns = np.column_stack([factor({item.name: 0.1}) / 0.1 for item in waves])
+    design = np.column_stack([np.ones(s.size), columns])
+    _, *best = found = np.linalg.lstsq(design, wanted, rcond=None)[0]
+    assert np.abs(design @ found - wanted).max() < 0.2 * abs(height)
+    assert all(abs(value) < 3.0 * item.prior for value, item in zip(best, waves, strict=True))
+
+
 # --- nonlinear viscous friction ---
 
 

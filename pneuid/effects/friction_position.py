@@ -13,7 +13,12 @@ from pneuid.rig import Rig
 
 _SOURCE = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083, section 2.1 (position dependence)"
 
-_TERMS = 8
+_TERMS = 14
+"""A ring of a twentieth of the range needs as many: with eight of them its rest, 2.0 floors, hid a growing static friction."""
+
+_SMOOTH = 4
+"""Waves up to which any amplitude is as likely; that of shorter ones fades with the square of their number."""
+
 _LOWEST = 0.05
 
 
@@ -28,11 +33,12 @@ class FrictionPosition(Effect):
     guarantees = ("dissipative",)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Cosine amplitudes, relative to the mean friction; the prior fades with the square of the wave number."""
-        return tuple(
-            Parameter(f"c{j}", f"c{j}", "1", -3.0, 3.0, 0.0, 0.1, _SOURCE, off=0.0, prior=2.0)
-            for j in range(1, _TERMS + 1)
-        )
+        """Cosine amplitudes relative to the mean friction; what is expected of them fades with the square of their number."""
+        found = []
+        for j in range(1, _TERMS + 1):
+            faded = min(1.0, (_SMOOTH / j) ** 2)
+            found.append(Parameter(f"c{j}", f"c{j}", "1", -3.0, 3.0, 0.0, 0.1 * faded, _SOURCE, off=0.0, prior=faded))
+        return tuple(found)
 
     def coefficients(self, k: Coefficients, scope: Scope) -> Coefficients:
         """Scale the Coulomb and the static level alike."""
