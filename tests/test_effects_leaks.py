@@ -1,14 +1,17 @@
-"""Leaks and a supply behind an orifice, against the integrals of their laws and against orifices."""
+"""Leaks and a supply behind a restriction, against the integrals of their laws and against orifices."""
 
 from __future__ import annotations
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from helpers import rig
 from operating import at, plant_with
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq, least_squares
+from scipy.optimize import least_squares
 
+from pneuid.effects import CATALOGUE
 from pneuid.physics.gas import R_AIR, RHO_REFERENCE
 
 T = 293.15
@@ -55,7 +58,7 @@ def test_a_leak_takes_from_its_own_chamber_alone_and_nothing_at_atmospheric_pres
     assert float(getattr(at(plant, low, values), f"mdot{chamber}")) > float(getattr(at(bare, low), f"mdot{chamber}"))
 
 
-# --- forms that a power stands for: a leak across the piston, a supply behind an orifice ---
+# --- the form that a power stands for: a leak across the piston ---
 
 
 def _orifice(p_from: np.ndarray, p_to: np.ndarray, b: float) -> np.ndarray:
@@ -95,13 +98,48 @@ def test_a_sharp_edged_leak_is_nearly_a_power_of_the_squared_pressures_and_no_st
     assert _missed(shown, p1**2 - p2**2, own.start, own.lower, own.upper) < 0.01
 
 
-@pytest.mark.parametrize("ratio", [0.25, 0.5, 0.9])
-def test_the_drop_of_a_supply_behind_an_orifice_is_nearly_a_power_of_the_flow_and_no_straight_line(ratio):
-    """Steady flows up to a ``ratio`` of the orifice's choked flow; the exponent's bounds are the catalogue's."""
-    flow = np.linspace(0.02, ratio, 60)
-    drop = np.array([brentq(lambda d, q=q: float(_orifice(np.array(1.0), np.array(1.0 - d), 0.3)) - q, 0.0, 0.7) for q in flow])
-    plant = plant_with("supply_droop")
-    own = plant.parameters[plant.parameter_names.index("m_supply")]
-    by_power = _missed(lambda m: flow**m, drop, own.start, own.lower, own.upper)
-    by_line = _missed(lambda _: flow, drop, own.start, own.lower, own.upper)
-    assert by_power < 0.07 and by_line > 0.2
+# --- a supply behind a restriction ---
+
+
+def _drop(power: float, chokes: float, r: float, tau: float, drawn, t: np.ndarray) -> np.ndarray:
+    """Relative drop ``(N,)`` by the catalogue's law at times ``t`` s, with ``drawn(t)`` in choked flows of the open valve."""
+    p = SimpleNamespace(r_supply=r, m_supply=power, q_supply=chokes, tau_supply=tau)
+
+    def rate(now, q):
+        scope = SimpleNamespace(p=p, state=SimpleNamespace(q_drop=q[0]), supply_flow=drawn(now), full_flow=1.0)
+        target, lasts = CATALOGUE["supply_droop"].relaxations(scope)["q_drop"]
+        return [float((target - q[0]) / lasts)]
+
+    q = solve_ivp(rate, (0.0, t[-1]), [0.0], "LSODA", t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.01).y[0]
+    return r * q
+
+
+def _pulses(t: float) -> float:
+    """Strokes and rests, the last of them beyond what the orifice passes."""
+    return 0.0 if t % 0.7 > 0.4 else (0.12, 0.3, 0.55)[int(t / 0.7) % 3]
+
+
+def test_a_tank_behind_an_orifice_sinks_and_fills_as_its_balance_of_mass_says():
+    """``d' = k (Q - C psi(1 - d))`` of a tank at one temperature behind an orifice that chokes at ``C``."""
+    chokes, b, k, t = 0.4, 0.3, 2.5, np.linspace(0.0, 2.1, 211)
+
+    def rate(now, d):
+        return [k * (_pulses(now) - chokes * float(_orifice(np.array(1.0), np.array(1.0 - max(d[0], 0.0)), b)))]
+
+    tank = solve_ivp(rate, (0.0, t[-1]), [0.0], "LSODA", t_eval=t, rtol=1e-8, max_step=1e-3).y[0]
+    r = (1.0 - b) / (np.sqrt(7.0) * chokes)
+    found = _drop(2.0, chokes, r, r / k, _pulses, t)
+    assert tank.max() > 0.25, "the last stroke empties it"
+    assert np.abs(found - tank).max() < 0.01
+
+
+def test_behind_a_regulator_the_drop_is_the_flow_drawn_through_a_first_order_lag():
+    t = np.linspace(0.0, 0.4, 41)
+    found = _drop(1.0, 0.3, 0.5, 0.1, _pulses, t)
+    np.testing.assert_allclose(found, 0.5 * 0.12 * (1.0 - np.exp(-t / 0.1)), atol=1e-6)
+
+
+@pytest.mark.parametrize("power", [1.0, 1.5, 2.0])
+def test_the_steady_drop_grows_with_a_power_of_a_small_flow(power):
+    ends = [_drop(power, 1.0, 0.5, 0.05, lambda _, q=q: q, np.array([0.0, 4.0]))[-1] for q in (0.2, 0.4)]
+    assert np.log2(ends[1] / ends[0]) == pytest.approx(power, rel=0.04)

@@ -10,7 +10,7 @@ from pneuid.effect import Effect
 from pneuid.estimation.fit import comparable_costs
 
 LEAST_DROP = 15.0
-"""Predicted drop of half the sum of squares below which an effect is not refitted; null data stay below 5."""
+"""Predicted drop of half the sum of squares below which an effect is not refitted; null data stay below 8."""
 
 NEARLY_NOISE = 1.5
 """Held-out error in floors up to which a fit that cannot follow its training runs is not said to lack something: of random
