@@ -88,6 +88,26 @@ def test_far_off_both_errors_of_the_training_runs_have_to_fall_where_the_cost_do
 
 
 @pytest.mark.parametrize(
+    ("ahead", "error", "fits", "usual", "cost", "taken"),
+    [
+        (20.0, 2.6, 12.6, 4.8, 28_200.0, True),
+        (4.0, 2.6, 12.6, 4.8, 28_200.0, False),  # as much is expected of others
+        (20.0, 3.6, 12.6, 4.8, 28_200.0, False),  # less than half of the excess
+        (20.0, 2.6, 300.0, 4.8, 28_200.0, False),  # the training runs are foretold hardly better
+        (20.0, 2.6, 12.6, 80.0, 28_200.0, False),
+        (20.0, 2.6, 12.6, 4.8, 30_100.0, False),  # a tenth dearer
+    ],
+)
+def test_what_is_expected_of_nothing_else_and_foretold_by_both_kinds_of_runs_may_cost_more(
+    ahead, error, fits, usual, cost, taken, monkeypatch
+):
+    current = stub(6.0, 27_300.0)
+    tried = [(score("friction_presliding_memory", 600.0, ahead=ahead), stub(error, cost, "friction_presliding_memory"))]
+    _foretold(monkeypatch, (542.0, fits), (109.0, usual))
+    assert (acceptance.accepted(tried, current, current, JUDGE) is not None) == taken
+
+
+@pytest.mark.parametrize(
     ("error", "cost", "taken"), [(6.0, 26_000.0, True), (12.0, 26_000.0, False), (6.0, 26_500.0, False)]
 )
 def test_beside_a_strong_first_effect_a_second_one_must_explain_nearly_all_that_is_left(error, cost, taken):
