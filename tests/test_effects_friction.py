@@ -181,6 +181,16 @@ def test_friction_falls_by_the_power_it_dissipates():
     assert force[-1] < 0.9 * force[100]
 
 
+@pytest.mark.parametrize("g", [0.5, 1.0, 2.5])
+def test_viscous_friction_falls_as_many_times_as_fast_as_g_says(g):
+    plant = plant_with("friction_warmup")
+    theta = plant.theta(values_of(plant, BASE | {"w_warm": 0.4, "g_warm": g}), RANGES)
+    warm = dict.fromkeys(plant.states, 0.0) | {"warmth": 0.8}
+    k = plant.evaluate(list(warm.values()), [0.25, 0.05, 0.0, 1.2e5, 1.2e5], theta).coefficients
+    fallen = [np.log(float(getattr(k, name)) / BASE[name]) for name in ("Fc", "Fs", "sigma2")]
+    assert fallen == pytest.approx([-0.32, -0.32, -0.32 * g])
+
+
 # --- frictional memory ---
 
 

@@ -22,10 +22,12 @@ _LARGEST_FALL = 4.0
 
 
 class FrictionWarmup(Effect):
-    """``Fc, Fs, sigma2`` times ``exp(-w q)``, ``dq/dt = (F v / P0 - q) / tau`` the dissipated power averaged over ``tau``.
+    """``Fc, Fs`` times ``exp(-w q)``, ``sigma2`` times ``exp(-g w q)``; ``dq/dt = (F v / P0 - q) / tau`` the dissipated power
+    averaged over ``tau``.
 
     ``P0`` is the power of the rig's typical friction (a tenth of the force at one bar, at least 3 N) at 0.1 m/s, so that
-    ``w`` is the relative fall that such use causes. Typical: friction falls by 10 to 50 % over minutes.
+    ``w`` is the relative fall that such use causes. Grease thins, so that viscous friction may fall ``g`` times as fast as lips
+    soften. Typical: friction falls by 10 to 50 % over minutes.
     """
 
     name = "friction_warmup"
@@ -40,18 +42,20 @@ class FrictionWarmup(Effect):
     states = (State("warmth", "1", 0.0, 1.0, 1.0),)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Fall of the logarithm of friction at the reference power, and the time over which power is averaged."""
+        """Fall of the logarithm of friction at the reference power, the time over which power is averaged, and how many times
+        as fast viscous friction falls."""
         return (
             Parameter("w_warm", "w", "1", 0.0, 2.0, 0.0, 0.05, _SOURCE, off=0.0),
             Parameter("tau_warm", "τ_w", "s", 0.2, 7200.0, 20.0, 1.0, _SOURCE, positive=True, prior=1.5),
+            Parameter("g_warm", "g", "1", 0.2, 5.0, 1.0, 0.3, _SOURCE, positive=True, prior=0.5),
         )
 
     def coefficients(self, k: Coefficients, scope: Scope) -> Coefficients:
-        """Scale all levels of sliding friction alike."""
+        """Scale the levels of friction, and viscous friction by a fall of its own."""
         # a solver's trial point may be colder than cold, or so warm that no friction would be left
-        fall = ca.fmin(scope.p.w_warm * ca.fmax(scope.state.warmth, 0.0), _LARGEST_FALL)
-        factor = ca.exp(-fall)
-        return replace(k, Fc=k.Fc * factor, Fs=k.Fs * factor, sigma2=k.sigma2 * factor)
+        fall = scope.p.w_warm * ca.fmax(scope.state.warmth, 0.0)
+        factor, thinner = (ca.exp(-ca.fmin(one, _LARGEST_FALL)) for one in (fall, scope.p.g_warm * fall))
+        return replace(k, Fc=k.Fc * factor, Fs=k.Fs * factor, sigma2=k.sigma2 * thinner)
 
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
         """The average follows the power dissipated."""
