@@ -23,7 +23,7 @@ run: $(VENV)/.installed-core
 test: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -n $(WORKERS)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
 clean:
 	rm -rf pneuid-demo build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis
