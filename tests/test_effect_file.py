@@ -75,12 +75,14 @@ SLIPS = {
     "no name": ("from pneuid.effect import Effect\nclass X(Effect):\n    equation = 'force'\n", "name is missing"),
     "taken": (None, "the name is taken"),
     "no port": (None, "enters no equation"),
+    "no parameters": (None, "declares no parameters"),
     "equation": (None, "choose one of valve"),
     "misspelt signal": (None, "line 11: AttributeError"),
     "not off": (None, "does not vanish at its off-values"),
 }
 CHANGES = {
-    "taken": ('"drag_of_chain"', '"gravity"'), "no port": ("def force", "def forces"), "equation": (', "force"', ', "mass"'),
+    "taken": ('"drag_of_chain"', '"gravity"'), "no port": ("def force", "def forces"),
+    "no parameters": ("def parameters", "def parameter"), "equation": (', "force"', ', "mass"'),
     "misspelt signal": ("scope.v", "scope.speed"), "not off": ("return force -", "return 2 * force -"),
 }  # fmt: skip
 

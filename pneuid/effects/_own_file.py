@@ -58,6 +58,8 @@ def _made(kind: type[Effect], file: PythonFile) -> Effect:
     for field, words in _WORDS.items():
         if not hasattr(kind, field):
             setattr(kind, field, words)
+    if kind.parameters is Effect.parameters:
+        raise UserError(f"{where}: declares no parameters; write parameters(self, rig, law), a tuple of Parameter")
     kind.origin = EffectFile(Path(file.file).name, file.sha256)
     effect = tried(kind.name, file.file, kind)
     if not effect.ports:
