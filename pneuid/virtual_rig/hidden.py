@@ -122,6 +122,8 @@ class Hidden:
         Relative gain by which the recorded gauge p1 drifts within some four seconds.
     encoder_bow
         Amplitude [m] of an error of the recorded x that is periodic in x, three waves per stroke.
+    solenoid_crosstalk
+        Pressure [Pa] that the valve's current adds to the recorded p2 over a common ground wire, at large commands.
     """
 
     friction_pressure: float = 0.0
@@ -171,6 +173,7 @@ class Hidden:
     supply_heating: float = 0.0
     sensor_gain_drift: float = 0.0
     encoder_bow: float = 0.0
+    solenoid_crosstalk: float = 0.0
 
     pressure_reference: float = 3.0e5
     pressure_saturation: float = 6.0e5

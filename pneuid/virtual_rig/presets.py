@@ -117,6 +117,7 @@ OUTSIDE_EFFECTS: dict[str, Outside] = {
     "supply_heating": _outside("supply_heating", 15.0, 45.0, _GAS, "t u"),
     "sensor_gain_drift": _outside("sensor_gain_drift", 0.02, 0.06, "sensor_p1 pressure_1 force", "p1 t"),
     "encoder_bow": _outside("encoder_bow", 0.15e-3, 0.45e-3, "sensor_x force", "x"),
+    "solenoid_crosstalk": _outside("solenoid_crosstalk", 2e3, 6e3, "sensor_p2", "u"),
 }
 """Effects outside the catalogue by name, for the default rig."""
 

@@ -24,6 +24,9 @@ SETTLING = 0.4
 DRIFT_TIME = 4.0
 """Time constant [s] of a sensor's drift."""
 
+CURRENT_LIMIT = 0.4
+"""Share of the full scale about which the current of the valve's solenoid stops growing."""
+
 
 def record_servo(
     truth: TruthServo,
@@ -74,7 +77,7 @@ def record_servo(
         substeps_for(1.0 / rate, step), par,
     )  # fmt: skip
     check_states(states, settling + samples, 1.0 / rate)
-    seen = _measured(states, noise, truth, hidden, sensors, rate)
+    seen = _measured(states, u, noise, truth, hidden, sensors, rate)
     record = {"t": t, "u": u[settling:]} | {name: values[settling:] for name, values in seen.items()}
     if with_truth:
         record |= {f"true_{name}": values for name, values in channels(states[settling:]).items()}
@@ -106,7 +109,7 @@ def record_command(
     states = run_commands(start, commands, pressure, True, 1.0 / rate, substeps_for(1.0 / rate, step), par)
     check_states(states, commands.size, 1.0 / rate)
     noise = np.random.default_rng(seed).standard_normal((3, commands.size))
-    seen = _measured(states, noise, truth, hidden, sensors, rate)
+    seen = _measured(states, commands, noise, truth, hidden, sensors, rate)
     return {"t": np.arange(commands.size) / rate, "u": commands} | seen | {"psup": pressure}
 
 
@@ -135,15 +138,17 @@ def _controller(truth: TruthServo, hidden: Hidden, supply: float) -> tuple[float
 
 
 def _measured(
-    states: Array, noise: Array, truth: TruthServo, hidden: Hidden, sensors: Sensors, rate: float
+    states: Array, u: Array, noise: Array, truth: TruthServo, hidden: Hidden, sensors: Sensors, rate: float
 ) -> dict[str, Array]:
-    """What the sensors and the logger make of x, p1 and p2 over the settling and the record."""
+    """What the sensors and the logger make of x, p1 and p2 under a command, over the settling and the record."""
     x, p1, p2 = states[:, at.X], states[:, at.P1], states[:, at.P2]
     if hidden.encoder_bow != 0.0:
         x = x + hidden.encoder_bow * np.sin(6.0 * np.pi * x / truth.stroke)
     if hidden.sensor_gain_drift != 0.0:
         warm = 1.0 - np.exp(-np.arange(x.size) / rate / DRIFT_TIME)
         p1 = p1 + hidden.sensor_gain_drift * warm * (p1 - truth.patm)
+    if hidden.solenoid_crosstalk != 0.0:
+        p2 = p2 + hidden.solenoid_crosstalk * np.tanh((u - truth.null) / (CURRENT_LIMIT * truth.full_scale))
     form = hidden.form
     p1, p2 = (
         averaged(values, age * rate, round(form.averages))

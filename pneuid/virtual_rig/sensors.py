@@ -45,7 +45,7 @@ def on_grid(values: Array, grid: float) -> Array:
     return values if grid == 0.0 else grid * np.rint(values / grid)
 
 
-RECORDED_ONLY = ("sensor_lag_p1", "sensor_lag_p2", "channel_skew", "sensor_gain_drift", "encoder_bow")
+RECORDED_ONLY = ("sensor_lag_p1", "sensor_lag_p2", "channel_skew", "sensor_gain_drift", "encoder_bow", "solenoid_crosstalk")
 """Hidden effects of sensors that act in recordings only, because they need the signal's past or the record's clock."""
 
 
