@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import pairwise
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -119,7 +120,7 @@ SPEEDS = (1e-3, 2e-3, 0.1, -0.1, 20.0, 40.0)
 
 # --- dwell ---
 
-DWELL = {"Fs_dwell": 15.0, "tau_dwell": 1.0, "m_dwell": 1.0, "slip_dwell": 5e-4}
+DWELL = {"Fs_dwell": 15.0, "tau_dwell": 1.0, "m_dwell": 1.0, "slip_dwell": 5e-4, "creep_dwell": 2e-4}
 
 
 def break_away(hold: float, changes: dict[str, float], age: float = 0.0) -> float:
@@ -162,6 +163,23 @@ def test_contacts_that_creep_age_and_those_that_slide_do_not():
         assert 0.7 * most < age[-1] < most
 
 
+def test_contacts_that_age_whatever_they_do_are_as_old_as_the_slip_over_the_speed():
+    """The ageing law of rate-and-state friction."""
+    always = DWELL | {"creep_dwell": 1.0}
+    for speed in (1e-3, 1e-2):
+        age = moved(plant_with("friction_dwell"), np.full(6001, speed), 1e-3, always, {"age": 0.0})[1]["age"]
+        assert age[-1] == pytest.approx(DWELL["slip_dwell"] / speed, rel=0.02)
+
+
+@pytest.mark.parametrize(("area", "largest"), [(8e-4, 40.0), (0.0, 200.0)])
+def test_a_bench_that_states_no_bore_does_not_hold_the_rise_of_break_away(area, largest):
+    """Of a friction of 50 N the rise of 30 N was held at 10."""
+    stand = SimpleNamespace(A1=area)
+    every = CATALOGUE["friction_dwell"].parameters(stand, LAWS["lugre"])  # type: ignore[arg-type]
+    rise = next(one for one in every if one.name == "Fs_dwell")
+    assert (rise.lower, rise.upper) == pytest.approx((0.0, largest))
+
+
 # --- warming up ---
 
 
@@ -176,7 +194,7 @@ def test_friction_falls_by_the_power_it_dissipates():
         return [(cold * np.exp(-w * q[0]) * v / typical - q[0]) / tau]
 
     expected = solve_ivp(warmth, (0.0, 4.0), [0.0], rtol=1e-9, t_eval=[1.0, 4.0]).y[0]
-    assert states["warmth"][[1000, 4000]] == pytest.approx(expected, rel=5e-3)
+    assert states["fall"][[1000, 4000]] == pytest.approx(w * expected, rel=5e-3)
     assert force[-1] == pytest.approx(cold * np.exp(-w * expected[-1]), rel=1e-3)
     assert force[-1] < 0.9 * force[100]
 
@@ -185,7 +203,7 @@ def test_friction_falls_by_the_power_it_dissipates():
 def test_viscous_friction_falls_as_many_times_as_fast_as_g_says(g):
     plant = plant_with("friction_warmup")
     theta = plant.theta(values_of(plant, BASE | {"w_warm": 0.4, "g_warm": g}), RANGES)
-    warm = dict.fromkeys(plant.states, 0.0) | {"warmth": 0.8}
+    warm = dict.fromkeys(plant.states, 0.0) | {"fall": 0.32}
     k = plant.evaluate(list(warm.values()), [0.25, 0.05, 0.0, 1.2e5, 1.2e5], theta).coefficients
     fallen = [np.log(float(getattr(k, name)) / BASE[name]) for name in ("Fc", "Fs", "sigma2")]
     assert fallen == pytest.approx([-0.32, -0.32, -0.32 * g])
