@@ -43,8 +43,8 @@ from hidden_counts import table
 from hidden_runs import runs_of
 
 from pneuid import api
+from pneuid.criticism.decision.rest import explained
 from pneuid.criticism.decision.verdict import diagnose
-from pneuid.criticism.unknown.rest import explained
 from pneuid.errors import ComputationError, UserError
 from pneuid.estimation.fit import fit
 

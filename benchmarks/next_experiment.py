@@ -25,9 +25,9 @@ from hidden_runs import bench_rig, hidden_of, runs_of, servo_rig, standing
 
 from pneuid import api
 from pneuid.criticism.decision.diagnosis import Command
+from pneuid.criticism.decision.rest import explained
 from pneuid.criticism.decision.verdict import diagnose
 from pneuid.criticism.next_experiment.proposal import for_verdict
-from pneuid.criticism.unknown.rest import explained
 from pneuid.estimation.fit import fit
 from pneuid.recording import Recording
 from pneuid.virtual_rig import Motion, record_bench, record_command

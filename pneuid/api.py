@@ -14,11 +14,11 @@ from pneuid.criticism.comparison.comparison import Comparison, compare, frozen
 from pneuid.criticism.comparison.trust import trust
 from pneuid.criticism.decision import rounds, verdict
 from pneuid.criticism.decision.diagnosis import Diagnosis
+from pneuid.criticism.decision.rest import explained
 from pneuid.criticism.frames import notebook_html
 from pneuid.criticism.next_experiment.proposal import for_verdict
 from pneuid.criticism.prediction.horizons import predict_free
 from pneuid.criticism.refitting.refitter import Refitter
-from pneuid.criticism.unknown.rest import explained
 from pneuid.effect import Effect
 from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
 from pneuid.effects._by_name import canonical

@@ -20,6 +20,7 @@ settings.load_profile("pneuid")
 
 @pytest.fixture
 def amplitudes_inside(monkeypatch):
-    """Trials that are a few numbers have no amplitudes that could lie on their bounds."""
+    """Trials that are a few numbers have no amplitudes that could lie on their bounds, or be shorter than a sample."""
     monkeypatch.setattr(acceptance, "inside_bounds", lambda *_: True)
+    monkeypatch.setattr(acceptance, "unresolved", lambda *_: False)
     monkeypatch.setattr(all_runs, "inside_bounds", lambda *_: True)

@@ -18,6 +18,7 @@ INSIDE = acceptance.inside_bounds
 @pytest.fixture(autouse=True)
 def _amplitudes_are_inside(monkeypatch):
     monkeypatch.setattr(acceptance, "inside_bounds", lambda *_: True)
+    monkeypatch.setattr(acceptance, "unresolved", lambda *_: False)
 
 
 def _foretold(monkeypatch, fits: tuple[float, float], usual: tuple[float, float]) -> None:

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from trials import score, stub
 
+from pneuid.criticism.decision import acceptance, ascent, leftover, walk, walk_on_all
 from pneuid.criticism.decision import all_runs as module
-from pneuid.criticism.decision import ascent, leftover, walk, walk_on_all
-from pneuid.criticism.decision.all_runs import beyond_doubt, least_shown, shown, within_a_sample
+from pneuid.criticism.decision.acceptance import unresolved
+from pneuid.criticism.decision.all_runs import beyond_doubt, least_shown, shown
 from pneuid.criticism.decision.diagnosis import NOTHING_MISSING, Candidate, Diagnosis
 from pneuid.criticism.decision.leftover import explained_away
 from pneuid.criticism.decision.walk import Walk
@@ -34,7 +35,7 @@ def judge(learned: float = 1.1) -> SimpleNamespace:
 def _amplitudes_count(monkeypatch):
     monkeypatch.setattr(module, "inside_bounds", lambda *_: True)
     for user in (module, walk_on_all):
-        monkeypatch.setattr(user, "within_a_sample", lambda *_: False)
+        monkeypatch.setattr(user, "unresolved", lambda *_: False)
 
 
 def names(*ends: tuple[str, float], by: SimpleNamespace | None = None) -> list[str]:
@@ -259,10 +260,11 @@ def test_an_outvoted_effect_is_left_to_all_runs(out, monkeypatch):
     assert taken == ([None, walk.UNEXPLAINED] if out else [lag])
 
 
-def lag_of(tau: float) -> SimpleNamespace:
-    """A trial with the force lagging by ``tau``, on runs of 1 kHz and 2 kHz."""
-    runs = tuple(SimpleNamespace(data=np.full((1, 9), dt)) for dt in (5e-4, 1e-3))
-    plant = SimpleNamespace(rig=SimpleNamespace(A1=8e-4), law=None)
+def lag_of(tau: float, bandwidth: float = 500.0, servo: bool = False) -> SimpleNamespace:
+    """A trial with the force lagging by ``tau``, on runs of 1 kHz and 2 kHz whose motion was smoothed to a bandwidth, Hz."""
+    motion = SimpleNamespace(bandwidth=bandwidth)
+    runs = tuple(SimpleNamespace(data=np.full((1, 9), dt), motion=motion) for dt in (5e-4, 1e-3))
+    plant = SimpleNamespace(servo=servo, rig=SimpleNamespace(A1=8e-4), law=None)
     trial = stub(1.2, 13_000.0, "sensor_lag_F")
     trial.fit.runs, trial.fit.plant, trial.fit.values = runs, plant, {"tau_F": tau, "delta_m": 1e-5}
     return trial
@@ -272,7 +274,7 @@ def lag_of(tau: float) -> SimpleNamespace:
 def test_a_lag_shorter_than_a_sample_is_what_smoothing_of_the_motion_leaves(tau, counts, monkeypatch):
     trial = lag_of(tau)
     for user in (module, walk_on_all):
-        monkeypatch.setattr(user, "within_a_sample", within_a_sample)
+        monkeypatch.setattr(user, "unresolved", unresolved)
     assert bool(shown([(score("sensor_lag_F", 500.0), trial)], BASE, judge())) == counts
     going, _, _ = walking(monkeypatch, 500.0, 13_000.0)
     base = going.judge.trial(going._on_all(going.current.fit))
@@ -280,8 +282,21 @@ def test_a_lag_shorter_than_a_sample_is_what_smoothing_of_the_motion_leaves(tau,
     assert (both.suspected([(score("sensor_lag_F", 500.0), trial)]) is not None) == counts
 
 
+@pytest.mark.parametrize(
+    ("tau", "bandwidth", "servo", "counts"),
+    [(1.7e-3, 72.0, False, False), (2.3e-3, 72.0, False, True), (1.7e-3, 100.0, False, True), (1e-4, 72.0, True, True)],
+)
+def test_nor_is_one_named_that_is_shorter_than_the_motion_is_resolved(tau, bandwidth, servo, counts, monkeypatch):
+    """Noise of 5 um in the position of a seal as stiff as 0.9 N/um hides 2.2 ms. The position of a servo rig is no input."""
+    monkeypatch.setattr(acceptance, "inside_bounds", lambda *_: True)
+    monkeypatch.setattr(acceptance, "_qualifies", lambda *_: True)
+    tried = [(score("sensor_lag_F", 500.0), lag_of(tau, bandwidth, servo))]
+    by = SimpleNamespace(**vars(judge()) | {"usually_fits": lambda _: 1.0, "unseen": lambda trial: trial.error})
+    assert (acceptance.accepted(tried, BASE, BASE, by) is not None) == counts
+
+
 def test_only_times_are_counted_in_samples():
-    assert not within_a_sample(score("sensor_offset_F", 500.0), lag_of(1e-4))
+    assert not unresolved(score("sensor_offset_F", 500.0), lag_of(1e-4))
 
 
 @pytest.mark.parametrize(

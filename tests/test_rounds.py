@@ -96,7 +96,7 @@ def test_beside_others_what_starts_from_several_sizes_gets_the_same_care_at_half
     def alike(current, drop=900.0):
         chosen = replace(tried[0][0], drop=drop)
         given = [(chosen, tried[0][1]), *tried[1:]]
-        return [one.effect.name for one, _ in rounds.worth_the_same_care(chosen, given, current)]
+        return [one.effect.name for one, _ in rounds.worth_the_same_care(given[0], given, current)]
 
     beside = stub(30.8, 27_600.0, "gravity")
     beside.fit.plant = SimpleNamespace(servo=True, effects=(), rig=SimpleNamespace(mass=1.0, A1=8e-4), law=None)
@@ -104,6 +104,24 @@ def test_beside_others_what_starts_from_several_sizes_gets_the_same_care_at_half
     assert alike(ALONE) == ["gravity"], "a bench has one start for each"
     assert alike(FIRST) == ["gravity"]
     assert alike(beside, drop=1.0) == [], "screening expects nothing of what another look found"
+
+
+@pytest.mark.parametrize(
+    ("leaves", "left", "again"),
+    [(6.0, 10.2, True), (6.0, 11.1, False), (3.9, 5.0, False)],  # below two floors nothing is worth that much time
+)
+def test_what_ends_near_a_leader_that_leaves_two_floors_gets_the_same_care_where_it_starts_from_several_sizes(
+    leaves, left, again
+):
+    servo = SimpleNamespace(servo=True, effects=(), rig=SimpleNamespace(mass=1.0, A1=8e-4), law=None)
+    base = stub(180.0, 40_000.0)
+    base.fit.plant = servo
+    leader = score("valve_critical_ratio", 1000.0), stub(leaves, 28_000.0, "valve_critical_ratio")
+    promised = (("supply_droop", 940.0), ("dead_volume", 940.0))
+    others = [(score(name, drop), stub(left, 28_100.0, name)) for name, drop in promised]
+    given = [leader, *others, (score("heat_transfer", 490.0), stub(left, 28_100.0, "heat_transfer"))]
+    found = [one.effect.name for one, _ in rounds.worth_the_same_care(leader, given, base)]
+    assert found == (["supply_droop"] if again else [])
 
 
 NEAR = stub(3.9, 27_600.0, "valve_null_leakage")

@@ -10,10 +10,10 @@ import pytest
 from helpers import rig
 from magnet import STAND, magnet, magnet_runs, searched
 
+from pneuid.criticism.decision.rest import _unknown
 from pneuid.criticism.unknown.distil import _fitted, distilled
 from pneuid.criticism.unknown.function_search import _with_second, judged, ranking, refitted
 from pneuid.criticism.unknown.probes import Probing
-from pneuid.criticism.unknown.rest import _unknown
 from pneuid.effects._formula import SHAPES
 from pneuid.effects._spline import Term, curve, spline
 from pneuid.estimation.curves import Curve
@@ -50,14 +50,17 @@ def test_the_joint_fit_finds_what_a_compiled_spline_finds():
     assert probing.problem.added.max() == 0.0
 
 
-@pytest.mark.parametrize(("hidden", "named"), [("encoder_bow", "sensor_x"), ("cogging", "force")])
-def test_an_encoder_that_is_wrong_over_x_is_told_from_a_force_and_from_a_valve_over_x(hidden, named):
+@pytest.mark.parametrize(
+    ("hidden", "named", "signal"),
+    [("encoder_bow", "sensor_x", "x"), ("cogging", "force", "x"), ("solenoid_crosstalk", "sensor_p2", "u")],
+)
+def test_a_sensor_that_is_wrong_over_a_signal_is_told_from_a_force_and_from_a_valve_over_it(hidden, named, signal):
     """The piston moves 10 mm within an interval, over which the error of the encoder changes and looks like a speed."""
     record = record_servo(TruthServo(), OUTSIDE_EFFECTS[hidden].strong, "multisine", 4.0, 5, supply=7e5 + ATMOSPHERE)
     base = fit(Plant(rig(), "lugre"), [Recording.from_arrays("s7.csv", rig(), **record)], exact=False)
     probing = Probing(base)
     drop, (term,) = ranking(probing)[0]
-    assert (term.equation, term.signal) == (named, "x")
+    assert (term.equation, term.signal) == (named, signal)
     joint = probing.fitted([term])
     assert probing.start_cost - joint.cost == pytest.approx(drop, rel=0.2)
     stays = {name: joint.values[name] == pytest.approx(base.relaxed_values[name]) for name in ("Fs", "vs", "sigma0", "sigma1")}
@@ -146,10 +149,23 @@ def test_the_held_out_runs_choose_among_what_the_training_runs_show(monkeypatch)
 
 
 def test_what_takes_far_less_of_the_cost_than_the_leader_is_not_asked_of_the_held_out_runs(monkeypatch):
-    costs, errors = {VALVE: 690.0, ENCODER: 820.0}, {VALVE: 99.0, ENCODER: 10.0}
+    costs, errors = {VALVE: 690.0, ENCODER: 820.0}, {VALVE: 70.0, ENCODER: 10.0}
     best, _, _, asked = _judged(monkeypatch, [(310.0, VALVE), (180.0, ENCODER)], costs, errors)
     assert best == VALVE and asked == [VALVE]
     assert _judged(monkeypatch, [(310.0, VALVE), (190.0, ENCODER)], costs, errors)[0] == ENCODER
+
+
+@pytest.mark.parametrize(
+    ("before", "forced", "promise", "named"),
+    [(188.0, 2800.0, 95.0, ENCODER), (188.0, 2800.0, 85.0, VALVE), (188.0, 130.0, 95.0, VALVE), (8.0, 90.0, 95.0, VALVE)],
+)
+def test_where_the_held_out_runs_are_far_off_and_bear_no_leader_out_those_that_promise_less_are_tried(
+    before, forced, promise, named, monkeypatch
+):
+    """A force over x in place of an encoder that is wrong over it: 12 % of the cost, and the held-out error grows."""
+    costs, errors = {VALVE: 690.0, ENCODER: 900.0}, {VALVE: forced, ENCODER: 0.5 * before}
+    ranked = [(310.0, VALVE), (promise, ENCODER)]
+    assert _judged(monkeypatch, ranked, costs, errors, before)[0] == named
 
 
 def test_no_more_than_three_of_an_equation_and_six_in_all_are_fitted(monkeypatch):

@@ -10,9 +10,9 @@ from magnet import STAND, magnet, magnet_runs, searched
 
 from pneuid.criticism.comparison.ladder import Rung
 from pneuid.criticism.decision.diagnosis import Diagnosis, Unknown
+from pneuid.criticism.decision.rest import explained
 from pneuid.criticism.decision.verdict import Verdict
 from pneuid.criticism.prediction.uncovered import outside, uncovered
-from pneuid.criticism.unknown.rest import explained
 from pneuid.effects import CATALOGUE
 from pneuid.estimation.preparation import prepare
 from pneuid.plant import Plant
@@ -85,11 +85,11 @@ def _stood_in(
     effect: str, explains: float, alone: float, took: float, monkeypatch, near: bool = False, fitted=lambda found, *_: found,
     excess: float = 99.0,
 ) -> Diagnosis:  # fmt: skip
-    monkeypatch.setattr("pneuid.criticism.unknown.rest.refitted", fitted)
+    monkeypatch.setattr("pneuid.criticism.decision.rest.refitted", fitted)
     names = tuple(effect.split())
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
     monkeypatch.setattr(
-        "pneuid.criticism.unknown.rest.search",
+        "pneuid.criticism.decision.rest.search",
         lambda *_: replace(named, before=1.0 + excess, after=1.0 + excess * (1.0 - alone)),
     )
     rungs = [
@@ -136,7 +136,7 @@ def test_a_function_that_has_not_seen_what_is_held_out_takes_no_effects_place(be
     monkeypatch.setattr("pneuid.criticism.prediction.uncovered.visited", lambda *_: (x.min(), np.quantile(x, 0.7)))
     assert 0.15 < outside(base, term, [prepare(held, base.plant, base.noise)]) <= 0.3
     strange = replace(named, before=100.0, after=1.5, beyond=beyond)
-    monkeypatch.setattr("pneuid.criticism.unknown.rest.search", lambda *_: strange)
+    monkeypatch.setattr("pneuid.criticism.decision.rest.search", lambda *_: strange)
     rungs = [Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6) for effects, error in (((), 10.0), (("one",), 7.0))]
     diagnosis = Diagnosis("effect", ("friction_position",), (), Unknown("force", ("x",), 1.0, "N"))
     found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
@@ -166,7 +166,7 @@ def test_what_explains_the_larger_part_beside_an_effect_makes_it_unknown(effect,
     best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE[effect]]))
     nothing = replace(named, before=100.0, after=90.0)
     found_rest = replace(named, before=1.0 + left, after=1.0 + left * (1.0 - of_the_rest))
-    monkeypatch.setattr("pneuid.criticism.unknown.rest.search", lambda fit, *_: found_rest if fit is best else nothing)
+    monkeypatch.setattr("pneuid.criticism.decision.rest.search", lambda fit, *_: found_rest if fit is best else nothing)
     rungs = [
         Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6)
         for effects, error in (((), 10.0), ((effect,), np.sqrt(1.0 + left)))
@@ -183,7 +183,7 @@ def test_what_explains_nearly_all_beside_an_effect_may_reach_a_little_beyond_the
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
     best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE["friction_position"]]))
     nothing, rest = replace(named, before=100.0, after=90.0), replace(named, before=41.0, after=1.8, beyond=beyond)
-    monkeypatch.setattr("pneuid.criticism.unknown.rest.search", lambda fit, *_: rest if fit is best else nothing)
+    monkeypatch.setattr("pneuid.criticism.decision.rest.search", lambda fit, *_: rest if fit is best else nothing)
     rungs = [Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6) for effects, error in (((), 10.0), (("one",), 6.4))]
     diagnosis = Diagnosis("effect", ("friction_position",), (), Unknown("force", ("x",), 1.0, "N"))
     found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
@@ -198,8 +198,8 @@ def test_a_form_that_explains_more_than_an_effect_in_its_place_is_shown(alone, n
     left = 99.0 * (1.0 - 0.78)
     in_place = replace(found, before=100.0, after=1.0 + 99.0 * (1.0 - alone))
     beside = replace(found, before=1.0 + left, after=10.0 * left, gain=0.0)
-    monkeypatch.setattr("pneuid.criticism.unknown.rest.search", lambda fit, *_: beside if fit is best else in_place)
-    monkeypatch.setattr("pneuid.criticism.unknown.rest.comparable_costs", lambda *_: [2.0, 1.0])
+    monkeypatch.setattr("pneuid.criticism.decision.rest.search", lambda fit, *_: beside if fit is best else in_place)
+    monkeypatch.setattr("pneuid.criticism.decision.rest.comparable_costs", lambda *_: [2.0, 1.0])
     rungs = [
         Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6)
         for effects, error in (((), 10.0), (("load_spring",), np.sqrt(1.0 + left)))
@@ -220,9 +220,9 @@ def test_what_the_training_runs_show_far_more_than_the_effect_named_is_missing_t
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
     best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE["friction_viscous_nonlinear"]]))
     seen = replace(named, before=3.7, after=10.0, gain=gain * base.relaxed_cost, beyond=0.14)
-    monkeypatch.setattr("pneuid.criticism.unknown.rest.search", lambda *_: seen)
+    monkeypatch.setattr("pneuid.criticism.decision.rest.search", lambda *_: seen)
     costs = base.relaxed_cost / (1.0 - brought), base.relaxed_cost
-    monkeypatch.setattr("pneuid.criticism.unknown.rest.comparable_costs", lambda *_: list(costs))
+    monkeypatch.setattr("pneuid.criticism.decision.rest.comparable_costs", lambda *_: list(costs))
     rungs = [Rung(effects, None, True, {}, {"F": error}, {"F": 1.0}, 6) for effects, error in (((), 2.6), (("one",), after))]
     diagnosis = Diagnosis("effect", ("friction_viscous_nonlinear",), (), Unknown("force", (), 1.0, "N"))
     found = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
@@ -241,7 +241,7 @@ def test_what_the_runs_fitted_to_show_most_is_said_where_no_effect_is_named(gain
     lost = replace(named, before=3.7, after=10.0, gain=gain, beyond=0.14)
     every = replace(base) if together else None
     beside = replace(lost, gain=0.0)
-    monkeypatch.setattr("pneuid.criticism.unknown.rest.search", lambda fit, *_: lost if fit is (every or base) else beside)
+    monkeypatch.setattr("pneuid.criticism.decision.rest.search", lambda fit, *_: lost if fit is (every or base) else beside)
     diagnosis = Diagnosis("unknown", (), (), Unknown("force", (), 1.0, "N"))
     rungs = [Rung((), None, True, {}, {"F": 1.9}, {"F": 1.0}, 6)]
     found = explained(Verdict(diagnosis, base, base, rungs, every), [held]).diagnosis

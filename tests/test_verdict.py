@@ -24,7 +24,7 @@ def said_of(before: float, after: float, judge: SimpleNamespace = JUDGE, by_all_
     """Of a walk from ``before`` to ``after`` squared floors by one effect."""
     walk = SimpleNamespace(
         named=["gravity"], first=stub(before, 1e4), current=stub(after, 1e3, "gravity"), judge=judge, ranking={},
-        by_all_runs=by_all_runs, partly=partly, ambiguous={}, lacking=None,
+        by_all_runs=by_all_runs, partly=partly, ambiguous={}, lacking=None, beyond=False,
     )  # fmt: skip
     return verdict._verdict(walk)
 
@@ -107,7 +107,7 @@ def test_a_model_far_off_at_break_away_that_has_no_exact_fit_is_not_adequate(exa
     monkeypatch.setattr(verdict, "loudest", lambda _: 1.2)
     current = stub(after, 1e4)
     current.fit.exact = exact
-    walk = SimpleNamespace(current=current, judge=JUDGE, lacking=None)
+    walk = SimpleNamespace(current=current, judge=JUDGE, lacking=None, beyond=False)
     found = verdict._nothing_named(walk, ["so far"], (), slow=False, adequate=False)
     assert found.verdict == said and found.sentences[0] == "so far"
     assert (verdict.AT_BREAK_AWAY in found.sentences) == (said == "unknown")
@@ -122,7 +122,8 @@ def test_usual_windows_at_noise_do_not_clear_a_model_far_off_in_the_others_of_bo
     """Static friction three times too high: 1.06 floors in the usual windows, 15 in all, 17 of the training runs."""
     current = replace(stub(1.12, 1e4), whole=whole)
     current.fit.exact = exact
-    walk = SimpleNamespace(current=current, judge=SimpleNamespace(**{**vars(JUDGE), "fits": lambda _: fits}), lacking=None)
+    judge = SimpleNamespace(**{**vars(JUDGE), "fits": lambda _: fits})
+    walk = SimpleNamespace(current=current, judge=judge, lacking=None, beyond=False)
     found = verdict._nothing_named(walk, ["so far"], (), slow=False, adequate=True)
     assert found.verdict == said and (verdict.AT_BREAK_AWAY in found.sentences) == (said == "unknown")
     assert verdict._nothing_named(walk, ["so far"], (), slow=True, adequate=True).verdict == "adequate"
@@ -133,7 +134,7 @@ def test_a_model_that_cannot_follow_its_training_runs_is_not_adequate(after, sai
     monkeypatch.setattr(verdict, "loudest", lambda _: 1.2)
     current = stub(after, 1e4)
     current.fit.exact, current.fit.lacking = SimpleNamespace(), True
-    walk = SimpleNamespace(current=current, judge=JUDGE, lacking=None)
+    walk = SimpleNamespace(current=current, judge=JUDGE, lacking=None, beyond=False)
     found = verdict._nothing_named(walk, ["so far"], (), slow=False, adequate=True)
     assert found.verdict == said and (verdict.CANNOT_FOLLOW in found.sentences) == (said == "unknown")
 
@@ -168,7 +169,7 @@ def test_a_later_effect_of_little_weight_on_the_same_balance_may_mend_the_first_
     }
     walk = SimpleNamespace(
         named=["valve_dead_zone", "other"], first=stub(142.0, 1e4), current=stub(3.0, 1e3, "other"), judge=JUDGE,
-        ranking=ranking, by_all_runs=False, partly=False, ambiguous={}, lacking=None,
+        ranking=ranking, by_all_runs=False, partly=False, ambiguous={}, lacking=None, beyond=False,
     )  # fmt: skip
     found = verdict._verdict(walk)
     assert found.effects == ("valve_dead_zone", "other")
@@ -190,7 +191,7 @@ def test_a_later_effect_of_little_weight_on_the_same_balance_may_mend_the_first_
 def test_a_later_effect_that_others_cannot_be_told_from_is_ambiguous_too(rivals, said, effects, beside):
     walk = SimpleNamespace(
         named=["gravity", "load_mass"], first=stub(400.0, 1e4), current=stub(1.1, 1e3, "load_mass"), judge=JUDGE,
-        ranking={}, by_all_runs=False, partly=False, ambiguous=rivals, lacking=None,
+        ranking={}, by_all_runs=False, partly=False, ambiguous=rivals, lacking=None, beyond=False,
     )  # fmt: skip
     found = verdict._verdict(walk)
     assert (found.verdict, found.effects, found.beside) == (said, effects, beside)

@@ -269,7 +269,7 @@ def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(
 
     replaced = {
         "_first_looks": lambda *_: [], "_round": turn, "rung": lambda _self, trial, accepted: (trial, accepted),
-        "backward": lambda _self: False, "_by_all_runs": lambda *_: False,
+        "backward": lambda _self: False, "_by_all_runs": lambda *_: False, "_beyond_catalogue": lambda *_: False,
     }
     for name, stand_in in replaced.items():
         monkeypatch.setattr(Walk, name, stand_in)

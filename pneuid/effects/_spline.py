@@ -61,9 +61,9 @@ SIGNALS_OF: dict[str, tuple[str, ...]] = {
     "pressure_2": ("p2", "p1", "dp", "x", "v", "u", "psup"),
     "friction": ("v", "x", "p1", "p2", "dp"),
     "force": ("x", "v", "p1", "p2", "dp"),
-    "sensor_x": ("x", "v", "p1", "p2"),
-    "sensor_p1": ("p1", "p2", "x", "v"),
-    "sensor_p2": ("p2", "p1", "x", "v"),
+    "sensor_x": ("x", "v", "p1", "p2", "u"),
+    "sensor_p1": ("p1", "p2", "x", "v", "u"),
+    "sensor_p2": ("p2", "p1", "x", "v", "u"),
     "sensor_F": ("x", "v", "p1", "p2"),
 }
 """Signals that are known where each equation is evaluated; ``dp`` is ``p1 - p2``."""

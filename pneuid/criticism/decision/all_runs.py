@@ -7,9 +7,7 @@ fitted together, the two show it beyond doubt all the same.
 
 from __future__ import annotations
 
-import numpy as np
-
-from pneuid.criticism.decision.acceptance import Tried, costs, inside_bounds
+from pneuid.criticism.decision.acceptance import Tried, costs, inside_bounds, unresolved
 from pneuid.criticism.refitting.trial import Judge, Trial
 from pneuid.criticism.screening.scores import Score
 from pneuid.estimation.stages import MISFIT
@@ -59,20 +57,6 @@ def far_beyond_chance(base: Trial, trial: Trial) -> bool:
     return now - after > BEYOND_DOUBT * least_shown(base)
 
 
-def within_a_sample(score: Score, trial: Trial) -> bool:
-    """Whether the effect is a delay or a lag that ended shorter than a sample of the slowest run.
-
-    A smoothed motion begins before the piston breaks away, so that any force seems to lag it: on the three that promise most of
-    40 random benches that lack nothing by 0.2 to 0.6 of a sample, for up to 1.2 % of the cost.
-    """
-    plant = trial.fit.plant
-    amplitudes = [one for one in score.effect.parameters(plant.rig, plant.law) if one.off is not None]
-    if not amplitudes or any(one.unit != "s" for one in amplitudes):
-        return False
-    sample = max(float(np.median(run.data[0])) for run in trial.fit.runs)
-    return all(abs(trial.fit.values[one.name] - one.off) < sample for one in amplitudes if one.off is not None)
-
-
 def shown(tried: Tried, current: Trial, judge: Judge) -> list[tuple[Score, Trial]]:
     """Effects that all runs show, and those that cannot be told from the best of them; the best one first.
 
@@ -84,7 +68,7 @@ def shown(tried: Tried, current: Trial, judge: Judge) -> list[tuple[Score, Trial
     found = [
         (drop, score, trial)
         for drop, score, trial in sorted(drops, key=lambda item: -item[0])
-        if drop > least and inside_bounds(score, trial) and fitted(trial, judge) and not within_a_sample(score, trial)
+        if drop > least and inside_bounds(score, trial) and fitted(trial, judge) and not unresolved(score, trial)
     ]
     return [(score, trial) for drop, score, trial in found if found[0][0] - drop < max(TELLING * found[0][0], SURE)]
 

@@ -64,6 +64,9 @@ SECOND_LOOKS = 6
 ALIKE = 0.95
 """Share of the chosen effect's predicted drop from which another's break-away is read anew as well before the choice."""
 
+ENDED_NEAR = 2.0
+"""Times the excess that the chosen effect leaves below which another one is said to have ended near it."""
+
 FAR = 0.25
 """Share of the excess left by the best of the leading effects above which others get a second look as well: a lag or a
 memory shows little of itself in a linear prediction from zero, and its place is taken by what imitates it."""
@@ -290,17 +293,26 @@ def promised_alike(chosen: Score, tried: Tried) -> Tried:
     return [pair for pair in tried if pair[0] is not chosen and pair[0].drop > ALIKE * chosen.drop]
 
 
-def worth_the_same_care(chosen: Score, tried: Tried, current: Trial) -> Tried:
-    """The trials of effects that are started again with the chosen one's care: those that promised alike, and beside others
-    those that promised half as much and start from several sizes.
+def worth_the_same_care(chosen: tuple[Score, Trial], tried: Tried, current: Trial) -> Tried:
+    """The trials of effects that are started again with the chosen one's care: those that promised alike, and those that
+    promised half as much and start from several sizes, beside others or where the chosen one leaves more than two floors and
+    they ended near it.
 
     A linear prediction from zero sees little of these: beside a weight a mounting that gives way promised 0.7 times what a dead
-    volume did, and left 5.2 floors while this left 3.8; from larger sizes 2.1.
+    volume did, and left 5.2 floors while this left 3.8; from larger sizes 2.1. A regulator's droop promised 0.94 times what a
+    critical ratio did, and left 3.2 floors while this left 2.5; from larger sizes 2.1.
     """
-    if current.added is None or chosen.drop < LEAST_DROP:
-        return promised_alike(chosen, tried)
-    close = [pair for pair in tried if pair[0] is not chosen and pair[0].drop > CLOSE * chosen.drop]
-    return [pair for pair in close if pair[0].drop > ALIKE * chosen.drop or large_starts(current, pair[0])]
+    score, trial = chosen
+    if score.drop < LEAST_DROP:
+        return []
+    if current.added is None and trial.error <= STILL_OFF**2:
+        return promised_alike(score, tried)
+    near = np.inf if current.added is not None else ENDED_NEAR * (trial.error - 1.0)
+    close = [pair for pair in tried if pair[0] is not score and pair[0].drop > CLOSE * score.drop]
+    return [
+        pair for pair in close
+        if pair[0].drop > ALIKE * score.drop or (pair[1].error - 1.0 < near and large_starts(current, pair[0]))
+    ]  # fmt: skip
 
 
 def leaves_much(chosen: tuple[Score, Trial] | None, current: Trial) -> bool:

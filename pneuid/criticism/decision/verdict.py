@@ -24,6 +24,7 @@ from pneuid.criticism.decision.walk import MINOR, Walk
 from pneuid.criticism.prediction.uncovered import uncovered
 from pneuid.criticism.refitting.refitter import Refitter
 from pneuid.criticism.refitting.trial import Trial, judge_of
+from pneuid.criticism.unknown.function_search import Found
 from pneuid.effect import Effect
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import prepare
@@ -62,6 +63,11 @@ AT_BREAK_AWAY = (
     "model: something may be missing there, or this fit is not the best; the first of the ranking is what to try"
 )
 
+BEYOND = (
+    "a function of a signal that the catalogue does not hold explains nearly all of it, and far more than what promises most "
+    "of the catalogue, so no more of that was tried"
+)
+
 CANNOT_FOLLOW = "whatever it starts from, a fit of the model cannot follow the training runs: something is missing"
 
 WORST_TENTH = (
@@ -81,7 +87,8 @@ class Verdict:
     climbed or rejected.
 
     lacking : the model fitted to all runs where nothing was named although these show something; near : whether the effects
-    named explain nine tenths and leave less than three floors, but for the worst windows.
+    named explain nine tenths and leave less than three floors, but for the worst windows; function : what a function of a
+    signal explains of a fit, where that is known already.
     """
 
     diagnosis: Diagnosis
@@ -90,6 +97,7 @@ class Verdict:
     rungs: list[Rung] = field(default_factory=list)
     lacking: Fit | None = None
     near: bool = False
+    function: Found | None = None
 
 
 def diagnose(
@@ -117,7 +125,7 @@ def diagnose(
     lacking = None if walk.lacking is None else walk.lacking.fit
     ended = walk.current.error
     near = ended <= STILL_FAR**2 and walk.first.error - ended >= MOSTLY * (walk.first.error - 1.0)
-    return Verdict(found, walk.current.fit, walk.first.fit, walk.rungs, lacking, near)
+    return Verdict(found, walk.current.fit, walk.first.fit, walk.rungs, lacking, near, walk.function)
 
 
 def climb(walk: Walk) -> None:
@@ -205,8 +213,9 @@ def _nothing_named(
 ) -> Diagnosis:
     """The verdict where no effect was accepted: nothing is missing, or something that the catalogue does not hold."""
     current, judge = walk.current, walk.judge
-    if walk.lacking is not None:
-        return Diagnosis("unknown", (), ordered, _rest(walk.lacking), sentences=tuple(words))
+    if walk.lacking is not None or walk.beyond:
+        said = (*words, BEYOND) if walk.beyond else tuple(words)
+        return Diagnosis("unknown", (), ordered, _rest(walk.lacking or current), sentences=said)
     if current.error - 1.0 < judge.small:
         return _noise_in_usual_windows(walk, words, ordered, slow)
     if slow:

@@ -8,19 +8,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pneuid.criticism.decision.acceptance import (
-    CLEAR_DROP,
     LEAST_DROP,
     LEAST_SHARE,
     Tried,
     accepted,
-    confused,
     costs,
     least_drop,
     moves_break_away_alone,
+    shown_in_training,
     stands_out,
 )
 from pneuid.criticism.decision.all_runs import beyond_doubt, far_beyond_chance, least_shown, shown_by_training
 from pneuid.criticism.decision.ascent import Ascent, Chosen
+from pneuid.criticism.decision.beyond import explains_alone
 from pneuid.criticism.decision.break_away import AT_BREAK_AWAY, BESIDE_OTHERS, leading_friction, shown_at_break_away
 from pneuid.criticism.decision.diagnosis import Candidate
 from pneuid.criticism.decision.evidence import as_refitted
@@ -41,6 +41,7 @@ from pneuid.criticism.decision.walk_on_all import WalkOnAll
 from pneuid.criticism.refitting.restarts import NEXT_TO_NOTHING, followed, follows, settled, to_the_end
 from pneuid.criticism.refitting.trial import Trial
 from pneuid.criticism.screening.scores import Score
+from pneuid.criticism.unknown.function_search import Found, search
 from pneuid.estimation.fit import Fit
 
 IN_TURN = "each held-out run is predicted by fits to all runs but it, with this effect and without"
@@ -80,7 +81,8 @@ class Walk(Ascent):
     by_all_runs : whether all runs decided, to which then the trials are fitted; partly : whether what they show predicts runs
     that it was not fitted to hardly better, or worse; lacking : the model fitted to all runs, where nothing was named although
     an effect lowers their cost by more than chance; slow : whether the recordings are too slow to show break-away;
-    looked_at : named effects, each with those beside it, for which others were tried in their place.
+    looked_at : named effects, each with those beside it, for which others were tried in their place; function : what a function
+    of a signal explains of the base model's rest, where it was looked for; beyond : whether that ended the walk.
     """
 
     by_all_runs: bool = False
@@ -88,6 +90,8 @@ class Walk(Ascent):
     lacking: Trial | None = None
     slow: bool = False
     looked_at: set[tuple[str, frozenset[str]]] = field(default_factory=set)
+    function: Found | None = None
+    beyond: bool = False
 
     def step(self) -> bool:
         """One round; False where there is nothing more to gain."""
@@ -98,6 +102,8 @@ class Walk(Ascent):
         # a pair that leaves next to nothing needs no second look at what it hides
         if self._take_two(tried, self._best(tried), NEXT_TO_NOTHING):
             return True
+        if self._beyond_catalogue(scores, tried):
+            return self._take(None, tried)
         tried, chosen = self._round(scores, tried)
         if self._take_two(tried, chosen):
             return True
@@ -126,6 +132,19 @@ class Walk(Ascent):
         score, trial = pair[0], settled(*pair, self.current, self.judge, self.refitter, self.say)
         found = (score, trial) if shown_at_break_away(trial, self.current, self.judge) else None
         return [(score, trial) if one is pair else one for one in tried], found
+
+    def _beyond_catalogue(self, scores: Sequence[Score], tried: Tried) -> bool:
+        """Whether a function of a signal explains nearly all, and far more than what promises most of the catalogue.
+
+        Looked for once, before the second looks: these take minutes.
+        """
+        how = self.current, self.first, self.judge
+        if self.named or self.function is not None or not open_to_second_looks(scores, tried, self._best(tried), *how):
+            return False
+        runs = [run.recording for run in self.judge.held]
+        self.function = search(self.current.fit, runs, self.judge.floor.value, self.say)
+        self.beyond = explains_alone(self.function, scores, tried, self.current)
+        return self.beyond
 
     def _cannot_judge(self) -> bool:
         """Whether the held-out error says nothing of what is missing.
@@ -288,7 +307,7 @@ class Walk(Ascent):
                 again = second_looks(self.current, open_ones, tried, self.judge, self.refitter, self.say)
                 tried, looked = self._by_one_floor(again), True
                 chosen = self._best(tried)
-            chosen = chosen or self._shown_in_training(tried, known)
+            chosen = chosen or shown_in_training(tried, known, self.current, self.judge)
             if chosen is None:
                 return tried, chosen
             if chosen[0].effect.name in known:
@@ -297,7 +316,7 @@ class Walk(Ascent):
             if chosen is None or chosen[0].effect.name in known:
                 return tried, chosen
             # a look-alike has taken the place of one whose equals were started again
-            equals = [] if late else worth_the_same_care(chosen[0], tried, self.current)[:EQUALS]
+            equals = [] if late else worth_the_same_care(chosen, tried, self.current)[:EQUALS]
             behind = set[str]()
             for one in (chosen, *equals):
                 if one[0].effect.name in known or one[0].effect.name in behind:
@@ -341,24 +360,6 @@ class Walk(Ascent):
         """The trial to accept, if any, as the held-out runs say."""
         found = accepted(tried, self.current, self.first, self.judge)
         return None if found is not None and self.slow and moves_break_away_alone(found[1], self.current) else found
-
-    def _shown_in_training(self, tried: Tried, known: set[str]) -> Chosen | None:
-        """Beside other effects that are not easily confused with it, the one that the training runs show most, if it takes a
-        part of their cost and predicts them better, in all windows and in the usual ones.
-
-        Where the held-out runs do not bear it out it may have ended at a wrong optimum, and deserves other starts.
-        """
-        current, fits = self.current, self.judge.usually_fits
-        if current.added is None:
-            return None
-        shown: Tried = []
-        for score, trial in tried:
-            standing, ended = costs(current, trial)
-            clear = standing - ended > CLEAR_DROP * standing
-            better = all(error(trial) < error(current) for error in (fits, self.judge.fits))
-            if clear and better and score.effect.name not in known and not confused(score.effect, current):
-                shown.append((score, trial))
-        return min(shown, key=lambda pair: fits(pair[1]), default=None)
 
     def _take_two(self, tried: Tried, chosen: Chosen | None, most: float = np.inf) -> bool:
         """Whether two effects were accepted at once, where one alone would leave much; ``most`` as in ``joined``."""

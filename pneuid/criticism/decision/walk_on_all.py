@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pneuid.criticism.decision.acceptance import Tried, costs
-from pneuid.criticism.decision.all_runs import least_shown, shown, within_a_sample
+from pneuid.criticism.decision.acceptance import Tried, costs, unresolved
+from pneuid.criticism.decision.all_runs import least_shown, shown
 from pneuid.criticism.decision.ascent import Ascent, Chosen
 from pneuid.criticism.decision.diagnosis import Candidate
 from pneuid.criticism.decision.evidence import chance
@@ -78,7 +78,7 @@ class WalkOnAll(Ascent):
     def suspected(self, tried: Tried) -> str | None:
         """What is said where nothing was named although an effect lowers the cost of all runs by more than chance."""
         least = least_shown(self.first)
-        told = [trial for score, trial in tried if not within_a_sample(score, trial)]
+        told = [trial for score, trial in tried if not unresolved(score, trial)]
         drops = [(now - after, trial.added) for trial in told for now, after in [costs(self.first, trial)]]
         most, name = max(drops, key=lambda item: item[0], default=(0.0, None))
         return SUSPECT.format(name, most, least) if most > least else None

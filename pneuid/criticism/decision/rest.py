@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from pneuid.criticism.decision.rounds import Say
 from pneuid.criticism.decision.verdict import Verdict
 from pneuid.criticism.prediction.uncovered import MUCH as UNCOVERED
 from pneuid.criticism.unknown.function_search import Found, refitted, search
-from pneuid.estimation.fit import comparable_costs
+from pneuid.estimation.fit import Fit, comparable_costs
 from pneuid.recording import Recording
 
 SEEN, TIMES = 0.05, 3.0
@@ -76,7 +76,7 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
     several = len(theirs) > 1
     worth = left > LITTLE * excess or (several and left > FLOORS**2)
     if diagnosis.effects and (minor or constant or (worth and not verdict.near)):
-        alone = search(verdict.base, hold_out, floor, say)
+        alone = _searched(verdict, verdict.base, hold_out, floor, say)
         elsewhere = several or _other(alone, theirs)
         if several and alone.explained > NEARLY_ALL and not _takes_place(verdict, alone, left, excess, several):
             say(f"refitting with {', '.join(term.name for term in alone.joint.terms)}")
@@ -91,7 +91,7 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
                 sentences=(*diagnosis.sentences, words, *_said(alone)),
             )  # fmt: skip
             return replace(verdict, diagnosis=found, best=verdict.base)
-    rest = search(verdict.best, hold_out, floor, say)
+    rest = _searched(verdict, verdict.best, hold_out, floor, say)
     if not rest.explains and alone is not None and alone.explains and alone.beyond < UNCOVERED and alone.after - 1.0 < left:
         sentences = (*diagnosis.sentences, IN_PLACE.format(", ".join(diagnosis.effects)), *_said(alone))
         return replace(verdict, diagnosis=replace(diagnosis, unknown=_unknown(alone), sentences=sentences))
@@ -104,6 +104,14 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
     if diagnosis.effects and much and _other(rest, theirs) and rest.beyond < STRANGE and rest.explained > NEARLY_ALL:
         found = replace(found, verdict="unknown")
     return replace(verdict, diagnosis=found)
+
+
+def _searched(
+    verdict: Verdict, fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float], say: Say
+) -> Found:
+    """What a function explains of a fit's rest; the walk may have looked for it already."""
+    known = verdict.function
+    return known.by(floor) if known is not None and known.fit is fit else search(fit, hold_out, floor, say)
 
 
 def _seen_in_training(verdict: Verdict, rest: Found) -> Verdict:
