@@ -112,6 +112,18 @@ def test_a_rest_at_the_edge_of_a_code_is_rest_and_a_creep_of_codes_is_none(place
     assert np.mean(refined_motion(t, creeping, noise).v[rest] == 0.0) < 0.05
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_bristle_that_unloads_below_the_noise_of_a_window_does_not_rest(seed):
+    """By 40 um in 0.15 s: half the noise of the position in ten samples, and with 0.9 N/um 36 N of force."""
+    t, noise = np.arange(4000) * 1e-3, 4.5e-6
+    speed = -40e-6 / 0.15
+    x = 0.1 + speed * np.clip(t - 2.0, 0.0, 0.15) + noise * np.random.default_rng(seed).standard_normal(t.size)
+    found = refined_motion(t, x, noise)
+    unloading, rest = (t > 2.02) & (t < 2.13), (t < 1.9) | (t > 2.25)
+    assert np.sum(found.v[unloading]) * 1e-3 == pytest.approx(speed * 0.11, rel=0.25)
+    assert np.mean(found.v[rest] == 0.0) > 0.9
+
+
 def test_draws_have_the_covariance_of_the_smoothed_motion():
     s = np.cumsum(np.random.default_rng(2).uniform(0.8, 1.2, 30))
     D, variance = differences(s, motion.ORDER), np.full(27, 0.5)

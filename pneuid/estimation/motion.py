@@ -41,6 +41,9 @@ START, LEAST = 1e-2, 1e-7
 REST, REST_SECONDS = 40, 0.05
 """Least samples and seconds of a rest, in which the position shows noise alone; a smooth reversal is shorter."""
 
+ALONE = 4
+"""Without a recorded speed a rest must be longer than the least one by one in so many of its samples."""
+
 STRICT, CREEPS = 4.0, 3.5
 """Standard deviations of a window's mean square, and of the drift in it, above which it shows more than noise."""
 
@@ -213,6 +216,8 @@ def _rests(x: Array, noise: float, step: float, speed: Speed | None = None) -> l
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
     found, allowed = [], 3.0 * max(noise, toggling) / np.sqrt(EDGE)
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        if speed is None and end - begin < min(least // ALONE, still.size):
+            continue  # of a creep a window in twenty seems still by chance
         # a window that is still starts at every sample from begin to end - 1; its tails may hold the first movement
         first, last = int(begin), int(end) - 1 + least
         level = float(np.mean(x[first + least // 4 : last - least // 4]))
@@ -222,7 +227,7 @@ def _rests(x: Array, noise: float, step: float, speed: Speed | None = None) -> l
             last -= 1
         # a movement begins below the noise: what is lost of it would count as bristle stiffness
         first, last = first + onset * (first > 0), last - onset * (last < x.size)
-        if last - first >= least // 2:
+        if last - first >= EDGE:
             found.append(slice(first, last))
     return found
 
