@@ -174,7 +174,7 @@ def test_contacts_that_age_whatever_they_do_are_as_old_as_the_slip_over_the_spee
 @pytest.mark.parametrize(("area", "largest"), [(8e-4, 40.0), (0.0, 200.0)])
 def test_a_bench_that_states_no_bore_does_not_hold_the_rise_of_break_away(area, largest):
     """Of a friction of 50 N the rise of 30 N was held at 10."""
-    stand = SimpleNamespace(A1=area)
+    stand = SimpleNamespace(A1=area, kind="bench")
     every = CATALOGUE["friction_dwell"].parameters(stand, LAWS["lugre"])  # type: ignore[arg-type]
     rise = next(one for one in every if one.name == "Fs_dwell")
     assert (rise.lower, rise.upper) == pytest.approx((0.0, largest))
