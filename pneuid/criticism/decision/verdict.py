@@ -64,8 +64,8 @@ AT_BREAK_AWAY = (
 )
 
 BEYOND = (
-    "a function of a signal that the catalogue does not hold explains nearly all of it, and far more than what promises most "
-    "of the catalogue, so no more of that was tried"
+    "a function of a signal that the catalogue does not hold explains most of it, and takes far more of the training cost than "
+    "any effect promises, so no more of these were tried"
 )
 
 CANNOT_FOLLOW = "whatever it starts from, a fit of the model cannot follow the training runs: something is missing"
