@@ -49,8 +49,9 @@ def test_it_must_take_far_more_than_a_refitted_effect_took_and_leave_far_less():
 
 def test_two_functions_or_one_out_of_its_range_end_nothing_and_a_leak_across_the_piston_is_one():
     scores = [score("line_delay", 1000.0)]
-    two = (Term("force", "dp"), Term("flow_1", "p1"))
+    two, silencer = (Term("force", "dp"), Term("flow_1", "p1")), (Term("flow_2", "u"), Term("flow_1", "u"))
     assert not explains_alone(function(0.98, 9000.0, two), scores, [], FIRST)  # type: ignore[arg-type]
+    assert not explains_alone(function(0.98, 9000.0, silencer), scores, [], FIRST)  # type: ignore[arg-type]
     assert not explains_alone(function(0.98, 9000.0, beyond=0.5), scores, [], FIRST)  # type: ignore[arg-type]
     assert explains_alone(function(0.98, 9000.0, LEAK), scores, [], FIRST)  # type: ignore[arg-type]
 

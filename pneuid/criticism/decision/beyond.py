@@ -10,7 +10,7 @@ from pneuid.criticism.decision.acceptance import Tried, costs
 from pneuid.criticism.prediction.uncovered import MUCH
 from pneuid.criticism.refitting.trial import Trial
 from pneuid.criticism.screening.scores import Score
-from pneuid.criticism.unknown.function_search import Found
+from pneuid.criticism.unknown.function_search import LEAKS, Found
 
 ALONE, LEAVES = ((0.9, 2.0), (0.5, 10.0)), 0.5
 """Shares of the held-out excess that a function of a signal must explain, each with the times that it must take of what any
@@ -23,7 +23,9 @@ much and explain 77 to 100 %."""
 def explains_alone(function: Found, scores: Sequence[Score], tried: Tried, current: Trial) -> bool:
     """Whether a function of a signal, inside its range, explains most of what the base model leaves, takes far more of the
     training cost than any effect took or promises, and leaves far less than any of those refitted."""
-    one = len({term.signal for term in function.joint.terms}) == 1  # a leak across the piston is one function in two balances
+    over = {(term.signal, term.factor) for term in function.joint.terms}
+    # a hole or a leak is one function in two balances; both flows over the command are what a silencer looks like
+    one = len(function.joint.terms) == 1 or (len(over) == 1 and over <= set(LEAKS))
     left = min((trial.whole - 1.0 for _, trial in tried), default=np.inf)
     if not one or function.beyond > MUCH or function.after - 1.0 > LEAVES * left:
         return False
