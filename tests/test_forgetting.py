@@ -62,5 +62,5 @@ def test_defects_of_slow_states_are_held_in_proportion():
     plant, run, recording = made("friction_warmup")
     problem = Shooting(plant, [run], plant.parameter_names, plant.starts(), data_ranges([recording], plant), 2)
     share = np.sqrt(1.0 - np.exp(-2.0 * 0.02 / 20.0))
-    assert problem.state_scale[-1] == pytest.approx(OWN_DEFECT * share, rel=1e-3)
+    assert problem.state_scale[-1] == pytest.approx(OWN_DEFECT * share * plant.effect_states[-1].scale, rel=1e-3)
     assert problem.state_scale[:-1] == pytest.approx(plant.state_scales[:-1])

@@ -41,7 +41,7 @@ START, LEAST = 1e-2, 1e-7
 REST, REST_SECONDS = 40, 0.05
 """Least samples and seconds of a rest, in which the position shows noise alone; a smooth reversal is shorter."""
 
-ALONE = 4
+ALONE = 8
 """Without a recorded speed a rest must be longer than the least one by one in so many of its samples."""
 
 STRICT, CREEPS = 4.0, 3.5
