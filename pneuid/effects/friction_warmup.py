@@ -20,8 +20,8 @@ _SPEED = 0.1
 _LARGEST_FALL = 4.0
 """Fall of the logarithm of friction beyond which it stays (2 % are left)."""
 
-_TYPICAL = 0.05
-"""Weight w that is added in the state, and divided out of it, so that it stays felt at zero."""
+_LEAST = 0.01
+"""Weight w that is added in the state, and divided out of it, so that at zero it is absent and felt whatever the state is."""
 
 
 class FrictionWarmup(Effect):
@@ -56,7 +56,7 @@ class FrictionWarmup(Effect):
     def coefficients(self, k: Coefficients, scope: Scope) -> Coefficients:
         """Scale the levels of friction, and viscous friction by a fall of its own."""
         # a solver's trial point may be colder than cold, or so warm that no friction would be left
-        fall = ca.fmax(scope.state.fall, 0.0) * scope.p.w_warm / (scope.p.w_warm + _TYPICAL)
+        fall = ca.fmax(scope.state.fall, 0.0) * scope.p.w_warm / (scope.p.w_warm + _LEAST)
         factor, thinner = (ca.exp(-ca.fmin(one, _LARGEST_FALL)) for one in (fall, scope.p.g_warm * fall))
         return replace(k, Fc=k.Fc * factor, Fs=k.Fs * factor, sigma2=k.sigma2 * thinner)
 
@@ -65,7 +65,7 @@ class FrictionWarmup(Effect):
 
         It, not the warmth, is the state: the jumps that a relaxed fit allows it then cost about the same whatever ``w`` is. Of
         a warmth they cost the less the larger ``w``; on two benches that rose to 2 beside a time of minutes, and friction no
-        longer followed the use (9.7 and 1.10 floors held out, now 5.9 and 0.9).
+        longer followed the use (1.10 floors held out on one, now 0.9).
         """
         typical = _SPEED * ca.fmax(3.0, 1e4 * scope.rig.A1)
-        return {"fall": ((scope.p.w_warm + _TYPICAL) * scope.friction * scope.v / typical, scope.p.tau_warm)}
+        return {"fall": ((scope.p.w_warm + _LEAST) * scope.friction * scope.v / typical, scope.p.tau_warm)}
