@@ -201,15 +201,17 @@ def test_a_second_term_must_help_held_out(monkeypatch, then, kept):
     assert (best.terms, after) == (((*ENCODER, *VALVE), 30.0) if kept else (ENCODER, 40.0))
 
 
+@pytest.mark.parametrize("over", ["x*dp", "dp*", "x*"])
 @pytest.mark.parametrize(("together", "leads"), [(6000.0, True), (5500.0, False)])
-def test_a_leak_across_the_piston_leads_where_both_halves_promise_more_than_one(together, leads):
+def test_a_leak_or_a_hole_in_both_flows_leads_where_both_halves_promise_more_than_one(together, leads, over):
     """A valve over the supply 5900, either half of a leak 4600: both must promise a fifth more than one, and their splines."""
+    halves = {f"flow_1({over})", f"flow_2({over})"}
 
     def screened(*terms):
         names = {f"{term.equation}({term.signal}*{term.factor})" for term in terms}
-        if names == {"flow_1(x*dp)", "flow_2(x*dp)"}:
+        if names == halves:
             return together
-        return 4600.0 if names & {"flow_1(x*dp)", "flow_2(x*dp)"} else 5900.0 if names == {"valve(psup*)"} else 100.0
+        return 4600.0 if names & halves else 5900.0 if names == {"valve(psup*)"} else 100.0
 
     scope = SimpleNamespace(psup=np.array([3e5, 7e5]))
     probes = SimpleNamespace(problem=SimpleNamespace(plant=SimpleNamespace(servo=True)), scope=scope, screened=screened)

@@ -13,6 +13,7 @@ parameters. Forms of the name:
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -189,7 +190,7 @@ def columns(term: Term, scope: Scope) -> list[Any]:
 # --- the effect ---
 
 
-class UnknownTerm(Effect):
+class UnknownTerm(Effect, ABC):
     """A value added to one equation. Subclasses made by ``entering`` override the one port of that equation."""
 
     term: Term
@@ -205,13 +206,13 @@ class UnknownTerm(Effect):
         )
 
     @property
+    @abstractmethod
     def amplitudes(self) -> tuple[str, ...]:
         """Names of the amplitudes, along the signal's range."""
-        raise NotImplementedError(self.name)
 
+    @abstractmethod
     def value(self, scope: Scope) -> Expression:
         """What is added, in the equation's unit."""
-        raise NotImplementedError(self.name)
 
 
 class Spline(UnknownTerm):

@@ -102,8 +102,6 @@ class Found:
     """Share of the held-out samples at which the first one's signal is outside its range in the training runs."""
     gain: float
     """By how much the relaxed cost of the training runs falls."""
-    promised: float
-    """By how much screening expected it to fall."""
     errors: tuple[Mapping[str, float], Mapping[str, float]]
 
     def by(self, floor: Mapping[str, float]) -> Found:
@@ -145,8 +143,7 @@ def search(fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float], 
     beyond = outside(fit, best.terms[0], [prepare(run, fit.plant, fit.noise) for run in hold_out])
     found = Found(
         fit, best, before, after, curve, size, distilled(best.terms[0], curve, fit), ties, beyond,
-        gain=probing.start_cost - best.cost, promised=probing.screened(*best.terms),
-        errors=(without, _held_out(fit, best, hold_out)),
+        gain=probing.start_cost - best.cost, errors=(without, _held_out(fit, best, hold_out)),
     )  # fmt: skip
     say(f"{_named(best.terms)}: removes {100 * found.explained:.0f} % of the held-out excess")
     return found
