@@ -50,8 +50,8 @@ def test_a_lagging_pressure_is_the_pressure_behind_two_lags_in_a_row(name, tau, 
 
 
 def test_skewed_channels_show_what_was_a_moment_ago():
-    plant, ages = plant_with("channel_skew"), {"x": 2e-3, "p1": 1e-3, "p2": 1e-3}
-    t, states, shown = _filling(plant, {"skew_x": ages["x"], "skew_p": ages["p1"]})
+    plant, ages = plant_with("channel_skew"), {"x": 2e-3, "p1": 1e-3, "p2": 2.5e-3}
+    t, states, shown = _filling(plant, {"skew_x": 2e-3, "skew_p": 1e-3, "skew_p2": 1.5e-3})
     inner = slice(20, -20)
     for name, skew in ages.items():
         p = states[plant.states.index(name)]

@@ -12,9 +12,10 @@ _SOURCE = (
 
 
 class ChannelSkew(Effect):
-    """Position and pressures are shown as they were ``tau_x`` and ``tau_p`` earlier: ``y - tau dy/dt``, first order in ``tau``.
+    """Position and pressures are shown as they were some time earlier: ``y - tau dy/dt``, first order in ``tau``.
 
-    A logger that reads its channels in turn gives each an age of its own; what both have in common is like a late command.
+    A logger that reads its channels in turn gives each an age of its own: ``tau_x``, ``tau_p`` for p1 and ``tau_p + tau_21`` for
+    p2. What all have in common is like a late command.
     """
 
     name = "channel_skew"
@@ -26,18 +27,21 @@ class ChannelSkew(Effect):
     reference = _SOURCE
     experiment = "fast steps that fill and empty both chambers at full flow"
     confused_with = ("sensor_lag_p1", "sensor_lag_p2", "valve_lag", "line_delay")
+    contains = ("sensor_lag_p1", "sensor_lag_p2")
     rigs = ("servo",)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Ages of position and pressures against the command's time stamp; negative when they are ahead of it."""
+        """Ages of position and pressures against the command's time stamp, negative when ahead of it, and of p2 beyond p1."""
         return (
             Parameter("skew_x", "τ_x", "s", -0.02, 0.02, 0.0, 1e-3, _SOURCE, off=0.0),
             Parameter("skew_p", "τ_p", "s", -0.02, 0.02, 0.0, 1e-3, _SOURCE, off=0.0),
+            Parameter("skew_p2", "τ_21", "s", -0.02, 0.02, 0.0, 1e-3, _SOURCE, off=0.0),
         )
 
     def sensor(self, signal: str, value: Expression, scope: Scope) -> Expression:
         """Take back what the signal gained in that time."""
-        gained = {"x": (scope.p.skew_x, scope.v), "p1": (scope.p.skew_p, scope.p1_rate), "p2": (scope.p.skew_p, scope.p2_rate)}
+        p = scope.p
+        gained = {"x": (p.skew_x, scope.v), "p1": (p.skew_p, scope.p1_rate), "p2": (p.skew_p + p.skew_p2, scope.p2_rate)}
         if signal not in gained:
             return value
         age, rate = gained[signal]
