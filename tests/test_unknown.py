@@ -101,7 +101,8 @@ def test_a_fit_with_the_function_found_keeps_what_is_better():
     rough = replace(found, after=0.9 * found.before, gain=0.1 * found.gain)
     better = refitted(rough, base, [held], floor)
     assert better.after < 0.2 * found.before and better.gain > 0.9 * found.gain
-    assert better.joint is rough.joint
+    assert better.joint is not rough.joint and better.joint.terms == rough.joint.terms
+    assert better.rms == pytest.approx(found.rms, rel=0.2) and better.curve != rough.curve
     assert refitted(replace(found, after=0.0), base, [held], floor).after == 0.0
 
 

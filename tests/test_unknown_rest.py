@@ -81,6 +81,23 @@ def test_effects_of_several_equations_that_leave_many_floors_give_way_though_the
     assert _stood_in(names, 0.954, 0.999, 0.5, monkeypatch, excess=excess).verdict == verdict
 
 
+@pytest.mark.parametrize(
+    ("searched_for", "refit", "last", "verdict"),
+    [(600.0, 300.0, 1.5, "unknown"), (600.0, 300.0, 150.0, "effect"), (600.0, 35.0, 1.5, "effect"),
+     (6000.0, 3000.0, 1.5, "effect")],
+)  # fmt: skip
+def test_a_function_beside_a_model_that_is_far_off_is_identified_from_the_data(searched_for, refit, last, verdict, monkeypatch):
+    """Beside a gain of p1 7 % too high it left 103 floors as searched for, 28 fitted from there, 7 from the data; an offset,
+    which was named, 37. It is not asked for where little is left, or where it explains less than nine tenths."""
+    monkeypatch.setattr("pneuid.criticism.decision.rest.identified", lambda found, *_: replace(found, after=last))
+
+    def fitted(found, *_):
+        return replace(found, after=refit)
+
+    alone = 1.0 - searched_for / 10_000.0
+    assert _stood_in("gravity", 0.97, alone, 0.5, monkeypatch, fitted=fitted, excess=10_000.0).verdict == verdict
+
+
 def _stood_in(
     effect: str, explains: float, alone: float, took: float, monkeypatch, near: bool = False, fitted=lambda found, *_: found,
     excess: float = 99.0,
@@ -106,7 +123,10 @@ def _stood_in(
     ("names", "gain", "verdict"),
     [
         ("load_spring friction_direction", 1.01, "unknown"),
-        ("load_spring friction_direction", 0.99, "effect"),
+        ("load_spring friction_direction", 0.98, "unknown"),  # the training runs do not tell, and it leaves an eighth
+        ("load_spring friction_direction", 0.96, "effect"),
+        ("friction_position friction_direction", 0.98, "unknown"),  # of one equation, another than its own
+        ("load_spring gravity", 1.01, "effect"),  # of its own: what their form lacks
         ("load_spring", 1.01, "effect"),  # one effect stands where no more than that is gained
     ],
 )
@@ -193,6 +213,7 @@ def test_what_explains_nearly_all_beside_an_effect_may_reach_a_little_beyond_the
 @pytest.mark.parametrize(("alone", "named"), [(0.87, True), (0.75, False)])
 def test_a_form_that_explains_more_than_an_effect_in_its_place_is_shown(alone, named, monkeypatch):
     """An offset of a sensor whose gain drifts explains 78 %; beside it no function helps."""
+    monkeypatch.setattr("pneuid.criticism.decision.rest.refitted", lambda found, *_: found)
     base, (_, held), found = magnet()[0], magnet_runs(), searched()
     best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE["load_spring"]]))
     left = 99.0 * (1.0 - 0.78)

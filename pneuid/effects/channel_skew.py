@@ -12,10 +12,11 @@ _SOURCE = (
 
 
 class ChannelSkew(Effect):
-    """Position and pressures are shown as they were some time earlier: ``y - tau dy/dt``, first order in ``tau``.
+    """Position and pressures are shown as they were some time earlier: ``p - tau dp/dt``, ``x - tau v + tau^2 dv/dt / 2``.
 
-    A logger that reads its channels in turn gives each an age of its own: ``tau_x``, ``tau_p`` for p1 and ``tau_p + tau_21`` for
-    p2. What all have in common is like a late command.
+    A logger that reads its channels in turn gives each an age of its own: ``tau_x``, ``tau_p`` for p1 and ``tau_p + tau_21``
+    for p2. What all have in common is like a late command. A piston that sets out at 10 m/s^2 is 80 um off within 4 ms: with
+    ``x`` to the first order such a delay left 28 floors, and a lag of the valve was named beside it; with the second 1.0.
     """
 
     name = "channel_skew"
@@ -41,8 +42,7 @@ class ChannelSkew(Effect):
     def sensor(self, signal: str, value: Expression, scope: Scope) -> Expression:
         """Take back what the signal gained in that time."""
         p = scope.p
-        gained = {"x": (p.skew_x, scope.v), "p1": (p.skew_p, scope.p1_rate), "p2": (p.skew_p + p.skew_p2, scope.p2_rate)}
-        if signal not in gained:
-            return value
-        age, rate = gained[signal]
-        return value - age * rate
+        if signal == "x":
+            return value - p.skew_x * (scope.v - 0.5 * p.skew_x * scope.acceleration)
+        gained = {"p1": p.skew_p * scope.p1_rate, "p2": (p.skew_p + p.skew_p2) * scope.p2_rate}
+        return value - gained.get(signal, 0.0)

@@ -13,7 +13,7 @@ from pneuid.criticism.decision.leftover import FLOORS
 from pneuid.criticism.decision.rounds import Say
 from pneuid.criticism.decision.verdict import Verdict
 from pneuid.criticism.prediction.uncovered import MUCH as UNCOVERED
-from pneuid.criticism.unknown.function_search import Found, refitted, search
+from pneuid.criticism.unknown.function_search import TIED, Found, identified, refitted, search
 from pneuid.estimation.fit import Fit, comparable_costs
 from pneuid.recording import Recording
 
@@ -25,8 +25,9 @@ in for it."""
 MORE = 1.1
 """Times what an effect took of the training cost that a function must take to take its place: a tube's delay at a wrong
 break-away left 11 % of the held-out excess and a valve's gain over u 3 %, but that took 0.99 of what the delay did. A function
-in place of several effects on several equations need only take as much as they: of a valve whose ports saturate a delay and a
-leak at null took 0.997 of what its gain over u did, and left five times as much held out."""
+in place of several effects need only take as much as they, or follow the training runs alike where it leaves less than half
+held out: of valves whose gain falls as they open a delay and a leak at null took 1.003 of what a gain over u did, and left
+five times as much, a delay and a critical ratio 1.0003, and left thirty times as much."""
 
 LITTLE, MUCH = 0.05, 0.25
 """Shares of the held-out excess left by accepted effects, above which a term of another equation may take their place, and
@@ -72,19 +73,22 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
     theirs, constant = {item.equation for item in standing}, bool(standing) and all(item.constant for item in standing)
     # effects that explain a good part of the held-out excess stand; what explains little may stand in for the rest
     minor, much, alone = diagnosis.verdict == "unknown", left > MUCH * excess, None
-    # of its own equation it is what their form lacks; but one function for several effects of several equations is plainer
-    several = len(theirs) > 1
+    several = len(standing) > 1
     worth = left > LITTLE * excess or (several and left > FLOORS**2)
     if diagnosis.effects and (minor or constant or (worth and not verdict.near)):
+
+        def stood_in(function: Found) -> bool:
+            # of its own equation it is what their form lacks; but one function for effects of several equations is plainer
+            elsewhere = len(theirs) > 1 or _other(function, theirs)
+            taken = (minor or much or elsewhere) and _takes_place(verdict, function, left, excess, several)
+            return function.explains and (taken or (constant and _holds_the_constant(verdict, function, left)))
+
         alone = _searched(verdict, verdict.base, hold_out, floor, say)
-        elsewhere = several or _other(alone, theirs)
-        if several and alone.explained > NEARLY_ALL and not _takes_place(verdict, alone, left, excess, several):
-            say(f"refitting with {', '.join(term.name for term in alone.joint.terms)}")
-            alone = refitted(alone, verdict.base, hold_out, floor)
-        if alone.explains and (
-            (constant and _holds_the_constant(verdict, alone, left))
-            or ((minor or much or elsewhere) and _takes_place(verdict, alone, left, excess, several))
-        ):
+        for share, least, again in ((HALF, 0.0, refitted), (NEARLY_ALL, FLOORS**2, identified)):
+            if alone.explained > share and alone.after > least and not stood_in(alone):
+                say(f"refitting with {', '.join(term.name for term in alone.joint.terms)}")
+                alone = again(alone, verdict.base, hold_out, floor)
+        if stood_in(alone):
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
             found = replace(
                 diagnosis, verdict="unknown", effects=(), beside=(), unknown=_unknown(alone),
@@ -150,17 +154,20 @@ def _other(found: Found, equations: set[str]) -> bool:
 def _takes_place(verdict: Verdict, alone: Found, left: float, excess: float, several: bool) -> bool:
     """Whether a term beside no effect explains clearly more than effects that leave that much of the squared ``excess``.
 
-    several : whether these act in several equations.
+    several : whether these are more than one.
 
     What explains nearly all need only explain more, unless the effects do so as well, and so need what the training runs show
     far more than the effects: these may have helped by chance. Of a function whose signal leaves its range in the held-out runs
     the training runs must show far more, of any more.
     """
     without, with_them = comparable_costs(verdict.base, verdict.best)
-    far_more = alone.gain > TIMES * (without - with_them)
-    known = far_more or (alone.beyond < UNCOVERED and alone.gain > (1.0 if several else MORE) * (without - with_them))
+    share = alone.gain / max(without - with_them, 1e-12)
     plainer = alone.explained > NEARLY_ALL and left > (1.0 - NEARLY_ALL) * excess
-    return known and alone.after - 1.0 < (1.0 if plainer or far_more else HALF) * left
+    if share > TIMES:
+        return alone.after - 1.0 < left
+    far_less = alone.after - 1.0 < HALF * left
+    asked = (1.0 - TIED if far_less else 1.0) if several else MORE
+    return alone.beyond < UNCOVERED and share > asked and (far_less or (plainer and alone.after - 1.0 < left))
 
 
 def _holds_the_constant(verdict: Verdict, alone: Found, left: float) -> bool:
