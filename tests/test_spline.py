@@ -62,7 +62,7 @@ def test_every_spline_stands_in_a_plant_and_vanishes_when_off(name):
     [
         ("spline:force", "write spline:EQUATION"), ("spline:forces(x)", "no equation 'forces'"),
         ("spline:force(y)", "choose one of x"), ("spline:force(x,3)", "choose 5 to 64"),
-        ("spline:force(x*u)", "cannot stand here"), ("spline:valve(p1*dp)", "cannot stand here"),
+        ("spline:force(x*u)", "cannot stand here"), ("spline:sensor_x(x*dp)", "cannot stand here"),
         ("spline:sensor_F(x)", "cannot show on a servo rig"), ("formula:force(x)", "write formula:EQUATION"),
         ("formula:force(wave(x,1))", "no shape 'wave'"), ("formula:force(bump(x,1))", "needs 2 numbers"),
         ("formula:force(period(x,0))", "must be positive"), ("formula:forces(period(x,1))", "no equation"),

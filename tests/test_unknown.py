@@ -23,8 +23,13 @@ from pneuid.recording import Recording
 from pneuid.virtual_rig import (
     ATMOSPHERE,
     OUTSIDE_EFFECTS,
+    Friction,
+    Hidden,
+    TruthBench,
     TruthServo,
+    record_bench,
     record_servo,
+    sine,
 )
 
 
@@ -33,6 +38,22 @@ def test_the_right_equation_and_signal_come_first():
     (leader,) = ranked[0][1]
     assert (leader.equation, leader.signal) == ("force", "x")
     assert ranked[0][0] > 1.2 * ranked[1][0]
+
+
+def test_a_force_that_a_pressure_stiffens_is_told_from_one_over_the_stroke():
+    """A hose pushes back in proportion to its pressure; with one pressure in all runs it is a spring."""
+    for stiffness, factor in ((lambda p1: (p1 - ATMOSPHERE) / 1e5, "p1"), (lambda _: 2.0, "")):
+        runs = [Recording.from_arrays(f"b{i}.csv", STAND, **run) for i, run in enumerate(_hose_runs(stiffness))]
+        _, (leader,) = ranking(Probing(fit(Plant(STAND, "lugre"), runs, exact=False)))[0]
+        assert (leader.equation, leader.signal, leader.factor) == ("force", "x", factor)
+
+
+def _hose_runs(stiffness):
+    """Three runs of a bench at 1, 3 and 5 bar with a force of 0.1 N/mm times a function of p1 added to what is measured."""
+    for seed, bar in enumerate((1, 3, 5)):
+        motion = sine(amplitude=0.09, frequency=0.5, cycles=2)
+        record = record_bench(TruthBench(friction=Friction()), bar * 1e5 + ATMOSPHERE, 2e5 + ATMOSPHERE, motion, Hidden(), seed)
+        yield record | {"F": record["F"] + 100.0 * (record["x"] - 0.2) * stiffness(record["p1"])}
 
 
 def test_the_joint_fit_finds_what_a_compiled_spline_finds():

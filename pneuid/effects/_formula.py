@@ -177,7 +177,7 @@ class Formula(UnknownTerm):
 
 
 _NAME = re.compile(
-    r"formula:(?P<equation>\w+)\((?P<shape>\w+)\((?P<on>[a-z0-9]+(?:\*[a-z()]+)?)(?P<numbers>(?:,[-+.eE\d]+)*)\)\)"
+    r"formula:(?P<equation>\w+)\((?P<shape>\w+)\((?P<on>[a-z0-9]+(?:\*[a-z0-9()]+)?)(?P<numbers>(?:,[-+.eE\d]+)*)\)\)"
 )
 
 

@@ -7,6 +7,8 @@ parameters. Forms of the name:
 - ``spline:force(x*sign(v))``, ``spline:force(x*v)``: f(x) times the direction or times the speed over 0.1 m/s;
 - ``spline:flow_1(psup*u)``: f(psup) times the signed relative opening of the valve;
 - ``spline:flow_1(x*dp)``: f(x) times the difference of the chambers' pressures over 1 bar, such as a leak at a place;
+- ``spline:force(x*p1)``: f(x) times the gauge pressure over 1 bar, such as a hose that the pressure stiffens;
+- ``spline:valve(u)``, ``spline:valve(dp)``: added to the relative opening; of other signals, a change of the valve's gain;
 - ``spline:force(x,40)``: 40 splines over the range of the data in place of 10.
 """
 
@@ -46,7 +48,7 @@ REFERENCE_SPEED = 0.1
 """Speed in m/s at which a factor ``v`` is 1."""
 
 REFERENCE_PRESSURE = 1e5
-"""Difference of pressures in Pa at which a factor ``dp`` is 1."""
+"""Difference of pressures, and gauge pressure, in Pa at which a factor ``dp``, ``p1`` or ``p2`` is 1."""
 
 SUPPLY_RANGE = 1e6
 """Range in Pa above ambient over which the knots for the supply pressure lie."""
@@ -55,7 +57,7 @@ LEAST_FRICTION = 0.05
 """Share of the friction level that is left at least."""
 
 SIGNALS_OF: dict[str, tuple[str, ...]] = {
-    "valve": ("u", "x", "p1", "p2", "psup"),
+    "valve": ("u", "x", "p1", "p2", "dp", "psup"),
     "flow_1": ("p1", "p2", "dp", "x", "v", "u", "psup"),
     "flow_2": ("p2", "p1", "dp", "x", "v", "u", "psup"),
     "pressure_1": ("p1", "p2", "dp", "x", "v", "u", "psup"),
@@ -69,11 +71,11 @@ SIGNALS_OF: dict[str, tuple[str, ...]] = {
 }
 """Signals that are known where each equation is evaluated; ``dp`` is ``p1 - p2``."""
 
-FACTORS = {"sign(v)": "v", "v": "v", "u": "u", "dp": "dp"}
+FACTORS = {"sign(v)": "v", "v": "v", "u": "u", "dp": "dp", "p1": "p1", "p2": "p2"}
 """What f may be multiplied by, and the signal in it."""
 
 _NAME = re.compile(
-    r"spline:(?P<equation>[a-z]+(?:_[A-Za-z0-9]+)?)\((?P<signal>[a-z0-9]+)(?:\*(?P<factor>sign\(v\)|v|u|dp))?(?:,(?P<knots>\d+))?\)"
+    r"spline:(?P<equation>[a-z]+(?:_[A-Za-z0-9]+)?)\((?P<signal>[a-z0-9]+)(?:\*(?P<factor>sign\(v\)|v|u|dp|p1|p2))?(?:,(?P<knots>\d+))?\)"
 )
 _SOURCE = "de Boor, A Practical Guide to Splines (Springer 1978), chapter IX"
 _BENCH_ONLY, _SERVO_SIGNALS = ("sensor_F",), ("u", "psup")
@@ -106,8 +108,13 @@ class Term:
     @property
     def anchored(self) -> bool:
         """Whether f is zero in the middle of its range, because a constant is a parameter of the base model already."""
-        relative = self.equation == "valve" and self.signal != "u"
-        return self.factor not in ("", "dp") or self.equation in ("friction", "sensor_x") or relative
+        relative = self.equation == "valve" and not self.opens
+        return self.factor not in ("", "dp", "p1", "p2") or self.equation in ("friction", "sensor_x") or relative
+
+    @property
+    def opens(self) -> bool:
+        """Whether f is added to the valve's opening: what the command leaves, or where a pressure pushes the spool."""
+        return self.equation == "valve" and self.signal in ("u", "dp") and not self.factor
 
     @property
     def unit(self) -> str:
@@ -173,6 +180,8 @@ def factor_value(factor: str, scope: Scope) -> Any:
         return scope.v / REFERENCE_SPEED
     if factor == "dp":
         return (scope.p1 - scope.p2) / REFERENCE_PRESSURE
+    if factor in ("p1", "p2"):
+        return (getattr(scope, factor) - scope.rig.patm) / REFERENCE_PRESSURE
     return scope.opening if factor == "u" else 1.0
 
 
@@ -273,7 +282,7 @@ def _port(term: Term) -> tuple[str, Callable[..., Any]]:
         # a force that depends on speed vanishes at rest; a level that depends on place or pressure holds at rest too
         return ("friction", _force) if term.signal == "v" else ("coefficients", _friction_level)
     if term.equation == "valve":
-        return "valve", _opening if term.signal == "u" and not term.factor else _valve_gain
+        return "valve", _opening if term.opens else _valve_gain
     if term.equation.startswith("sensor_"):
         return "sensor", _sensor
     others: dict[str, tuple[str, Callable[..., Any]]] = {

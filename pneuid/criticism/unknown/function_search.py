@@ -26,27 +26,32 @@ from pneuid.estimation.preparation import prepare
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 
-SERVO_TERMS = (
-    "force(x)", "force(x*v)", "force(p1)", "force(p2)", "force(dp)",
+BENCH_TERMS = (
+    "force(x)", "force(x*v)", "force(x*p1)", "force(x*p2)", "force(p1)", "force(p2)", "force(dp)",
     "friction(v)", "friction(x)", "friction(p1)", "friction(p2)", "friction(dp)",
+)  # fmt: skip
+SERVO_TERMS = (
+    *BENCH_TERMS,
     "flow_1(p1)", "flow_1(p2)", "flow_1(dp)", "flow_1(x)", "flow_1(x*dp)", "flow_1(v)", "flow_1(u)",
     "flow_2(p1)", "flow_2(p2)", "flow_2(dp)", "flow_2(x)", "flow_2(x*dp)", "flow_2(v)", "flow_2(u)",
-    "valve(u)", "valve(psup)", "valve(x)", "valve(p1)", "valve(p2)",
+    "valve(u)", "valve(dp)", "valve(psup)", "valve(x)", "valve(p1)", "valve(p2)",
     "sensor_x(x)", "sensor_x(v)", "sensor_x(u)", "sensor_p1(p1)", "sensor_p1(x)", "sensor_p1(u)",
     "sensor_p2(p2)", "sensor_p2(x)", "sensor_p2(u)",
 )  # fmt: skip
-BENCH_TERMS = SERVO_TERMS[:10]
 """What is screened: equations, signals and sensible pairs."""
 
 FINER = (24, 60)
 """Numbers of splines tried over x besides the usual one: magnets, teeth and scales repeat themselves over the stroke."""
 
 WORTH_KNOTS = 1.2
-"""Factor by which a finer spline, or a second term, must raise the predicted drop."""
+"""Factor by which a finer spline, a second term, or a pressure as a factor must raise the predicted drop."""
 
 LEAKS = (("x", "dp"), ("dp", ""), ("x", ""))
 """Signals and factors of what acts on both chambers, so that both flows are tried as one: a leak across the piston, by which
 one chamber gains what the other loses, and a hole in the bore, to which the piston opens one chamber after the other."""
+
+PRESSURES = ("p1", "p2")
+"""Factors of a force that a pressure stiffens, such as that of a hose: gauge pressures."""
 
 LEADERS, OF_ONE = 6, 3
 """Terms, or leaks, that are fitted with the parameters and judged on the held-out runs: in all, and of one equation."""
@@ -235,7 +240,11 @@ def ranking(probing: Probing) -> list[Ranked]:
         signal, _, factor = rest.rstrip(")").partition("*")
         if signal == "psup" and float(np.ptp(probing.scope.psup)) < 1e4:
             continue
-        found.append(_finest(probing, Term(equation, signal, factor)))
+        drop, terms = _finest(probing, Term(equation, signal, factor))
+        plain = [other for other, (term,) in found if (term.equation, term.signal) == (equation, signal)]
+        if factor in PRESSURES and drop < WORTH_KNOTS * max(plain):
+            continue  # at pressures that hardly change it is the function without that factor
+        found.append((drop, terms))
     for signal, factor in LEAKS if probing.problem.plant.servo else ():
         alike = [(drop, term) for drop, (term,) in found if (term.signal, term.factor) == (signal, factor)]
         halves = {term.equation: (drop, term) for drop, term in alike}

@@ -112,7 +112,7 @@ def probe_of(term: Term) -> str:
     if term.equation == "friction":
         return "force" if term.signal == "v" else "level"
     if term.equation == "valve":
-        return "opening" if term.signal == "u" and not term.factor else "gain"
+        return "opening" if term.opens else "gain"
     return term.equation
 
 
