@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from helpers import RANGES, rig, servo_run, values_of
+from operating import at
 from scipy.interpolate import BSpline
 
 from controllers.control_model import ControlModel
@@ -26,6 +27,7 @@ from pneuid.virtual_rig import ATMOSPHERE, Friction, Hidden, TruthBench, record_
 
 STAND = rig("bench", {"sensors": {"x": "0.3 um", "p1": "0.5 kPa", "p2": "0.5 kPa"}})
 NAMES = [f"spline:{equation}({signal})" for equation, signals in SIGNALS_OF.items() for signal in signals]
+NAMES += ["spline:force(x*p1)", "spline:force(x*p2)"]
 
 
 def test_the_basis_is_scipys():
@@ -55,6 +57,14 @@ def test_every_spline_stands_in_a_plant_and_vanishes_when_off(name):
 
     np.testing.assert_array_equal(shown(plant, off), shown(base, values_of(base)))
     assert np.any(shown(plant, on) != shown(plant, off))
+
+
+@pytest.mark.parametrize(("signal", "opens"), [("u", True), ("dp", True), ("p1", False), ("psup", False), ("x", False)])
+def test_a_pressure_difference_opens_a_valve_without_a_command_and_what_changes_its_gain_does_not(signal, opens):
+    effect = effects_by_name([f"spline:valve({signal})"])[0]
+    plant = Plant(rig(), "lugre", [effect])
+    values = dict.fromkeys(effect.amplitudes, 0.05) | {effect.amplitudes[-1]: 0.2}
+    assert (abs(float(at(plant, {"u": 0.0}, values).opening)) > 1e-3) is opens
 
 
 @pytest.mark.parametrize(
