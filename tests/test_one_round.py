@@ -105,6 +105,32 @@ def test_where_the_leading_effect_does_not_bear_other_starts_a_second_look_finds
     assert len(looks) == 1 and looks[0][0][1].error == 180.0, "once, and with the end that the other start led to"
 
 
+@pytest.mark.parametrize(
+    ("left", "known_well"),
+    [
+        ([125.0, 112.0, 95.0], [set(), {"load_mass"}, {"load_mass", "backlash"}, {"backlash", "gravity"}]),
+        ([100.0], [set(), set()]),  # three tenths of 145 went
+    ],
+)
+def test_second_looks_are_not_taken_again_where_little_was_gained_since(left, known_well, monkeypatch):
+    """A machine that shakes: of 105 floors a soft mounting left 98, a friction like another's 92, and nothing else helped."""
+    seen, known = [], [score("load_mass", 900.0), score("backlash", 800.0), score("gravity", 700.0)]
+
+    def looked(_current, _scores, tried, *given):
+        seen.append(given[-1])
+        return [(one, stub(300.0, 43_000.0, one.effect.name)) for one in known[: len(seen)]]
+
+    _at_first(monkeypatch, [], None)
+    monkeypatch.setattr(walk, "second_looks", looked)
+    monkeypatch.setattr(walk, "open_to_second_looks", lambda scores, *_: scores)
+    here = walking()
+    one_round(here, known)
+    for error in left:
+        here.current = stub(error, 43_000.0, "mounting_compliance")
+        one_round(here, known)
+    assert seen == known_well
+
+
 @pytest.mark.parametrize("current", [FIRST, stub(9.0, 26e3, "gravity")])
 def test_steps_are_looked_at_in_every_round_by_held_out_runs(current, monkeypatch):
     seen = []

@@ -15,7 +15,7 @@ from pneuid.criticism.screening.scores import Score
 from pneuid.effects import CATALOGUE
 
 
-def _looks(monkeypatch, errors, scores, tried=(), defects=(), sharper=None, jumps=None, large=()):
+def _looks(monkeypatch, errors, scores, tried=(), defects=(), sharper=None, jumps=None, large=(), known_well=()):
     """A second look with scripted held-out errors, and costs of the training runs where not 27 000; what it made, and found.
 
     ``jumps`` are drops that steps of a typical size promise, none where it has none.
@@ -35,7 +35,14 @@ def _looks(monkeypatch, errors, scores, tried=(), defects=(), sharper=None, jump
     refitter.order = list(CATALOGUE)  # type: ignore[attr-defined]
     refitter.sharper = lambda fit: sharper or fit  # type: ignore[attr-defined]
     refitter.by_sliding = lambda _: []  # type: ignore[attr-defined]
-    return refitter, rounds.second_looks(FIRST, scores, list(tried), judge, refitter, lambda _: None)
+    return refitter, rounds.second_looks(FIRST, scores, list(tried), judge, refitter, lambda _: None, known_well)
+
+
+def test_what_is_known_well_is_not_looked_at_again(monkeypatch):
+    scores = [score("gravity", 2000.0), score("load_mass", 1900.0)]
+    errors = dict.fromkeys(("gravity", "load_mass"), (90.0, 27_000.0))
+    refitter, found = _looks(monkeypatch, errors, scores, known_well={"gravity"})
+    assert refitter.made and {one.effect.name for one in refitter.asked} == {"load_mass"} == {one.effect.name for one, _ in found}
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -205,15 +205,16 @@ def second_looks_needed(chosen: tuple[Score, Trial] | None, current: Trial, firs
 
 
 def second_looks(
-    current: Trial, scores: Sequence[Score], tried: Tried, judge: Judge, refitter: Refitter, say: Say
-) -> Tried:
+    current: Trial, scores: Sequence[Score], tried: Tried, judge: Judge, refitter: Refitter, say: Say,
+    known_well: Collection[str] = (),
+) -> Tried:  # fmt: skip
     """Those tried, and trials with others from typical amplitudes, until one explains all: those that act on the loudest
     balance, and those that promise as much as was worth a refit before others led.
 
     Of those that promise most, at zero or at a step of a typical size or of a part of it, from where that step leads, the ones
     with a state of their own come last: their refits take ten times as long, and they start from several sizes.
     An effect whose refit set out far below a typical amplitude, or that promised much and did not help, is tried again, and the
-    better trial kept.
+    better trial kept; none that is ``known_well``, from a look at it beside much the same model.
     """
     loud = max(equation_defects(current.fit), key=lambda item: item.rms / max(item.expected_rms, 1e-12), default=None)
     acting = ACTING_ON[loud.equation if loud else "force"]
@@ -221,10 +222,10 @@ def second_looks(
     worth = WORTH_REFITTING * scores[0].drop if scores else 0.0
     open_ones = [
         score for score in scores
-        if (score.effect.equation in acting and (
+        if score.effect.name not in known_well and ((score.effect.equation in acting and (
             score.effect.name not in known or _set_out_small(current, score)
             or ((score.gain > CLEAR_DROP or large_starts(current, score)) and not _helps(known[score.effect.name], current))
-        )) or (score.effect.name not in known and score.drop > worth)
+        )) or (score.effect.name not in known and score.drop > worth))
     ]  # fmt: skip
     if not open_ones:
         return list(tried)
