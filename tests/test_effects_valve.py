@@ -8,6 +8,7 @@ from helpers import rig
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from operating import at, followed, plant_with
+from scipy.signal import lti
 
 PLAY = {"play": 0.02, "play_spread": 0.0}
 PROMPT = 50.0  # full scales a spool has to be behind to move at its fastest: never
@@ -117,7 +118,7 @@ def test_without_a_lap_its_shapes_mean_nothing(skew, edge, u):
 
 def test_the_spool_answers_a_step_by_the_exponential_of_its_time_constant():
     tau, shortest = 8e-3, 1e-3
-    own = {"tau_valve": tau, "order_valve": 0.0, "slew_valve": PROMPT}
+    own = {"tau_valve": tau, "order_valve": 0.0, "swing_valve": 0.0, "slew_valve": PROMPT}
     t, found = _opening(plant_with("valve_lag"), own, lambda _: 0.4, 0.05)
     T = np.hypot(tau, shortest)
     # the limit of its speed is felt by (0.4 / 50)^2 / 2
@@ -127,7 +128,7 @@ def test_the_spool_answers_a_step_by_the_exponential_of_its_time_constant():
 
 def test_a_spool_of_second_order_sets_out_gently_and_is_later_by_no_more():
     tau = 40e-3
-    own = {"tau_valve": tau, "order_valve": 0.5, "slew_valve": PROMPT}
+    own = {"tau_valve": tau, "order_valve": 0.5, "swing_valve": 0.0, "slew_valve": PROMPT}
     t, found = _opening(plant_with("valve_lag"), own, lambda _: 0.4, 0.3)
     T = 0.5 * tau
     # two equal lags; what the shortest lag adds is of the size (1 ms / 20 ms)^2
@@ -135,11 +136,23 @@ def test_a_spool_of_second_order_sets_out_gently_and_is_later_by_no_more():
     assert found[np.searchsorted(t, 1e-3)] < 0.01 * 0.4
 
 
+@pytest.mark.parametrize("damping", [0.5, 0.7, 0.9])
+def test_a_spool_of_little_damping_swings_as_one_of_second_order_and_is_later_by_no_more(damping):
+    """Against the step response that textbooks give, of the frequency with the same mean delay ``2 D / omega``."""
+    tau = 40e-3
+    own = {"tau_valve": tau, "order_valve": 0.5, "swing_valve": 1.0 - damping**2, "slew_valve": PROMPT}
+    t, found = _opening(plant_with("valve_lag"), own, lambda _: 0.4, 0.3)
+    omega = 2.0 * damping / tau
+    expected = lti(omega**2, [1.0, 2.0 * damping * omega, omega**2]).step(T=t)[1]
+    np.testing.assert_allclose(found, 0.4 * expected, atol=0.4 * 8e-3)
+
+
 @pytest.mark.parametrize("command", [-0.9, 0.5])
 def test_far_behind_a_spool_moves_at_its_fastest_and_near_by_as_if_it_had_no_limit(command):
     tau, slew = 40e-3, 0.05
     plant = plant_with("valve_lag")
-    t, found = _opening(plant, {"tau_valve": tau, "order_valve": 0.0, "slew_valve": slew}, lambda _: command, 0.6)
+    own = {"tau_valve": tau, "order_valve": 0.0, "swing_valve": 0.0, "slew_valve": slew}
+    t, found = _opening(plant, own, lambda _: command, 0.6)
     rate = np.gradient(found, t)
     far = (np.abs(command - found) > 4.0 * slew) & (t > 4e-3)
     np.testing.assert_allclose(rate[far], np.sign(command) * slew / tau, rtol=0.05)

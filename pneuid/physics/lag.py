@@ -23,17 +23,21 @@ Stage = tuple[Expression, Expression]
 
 
 def two_lags(
-    value: Expression, followed: tuple[Expression, Expression], delay: Expression, share: Expression, shortest: float
-) -> tuple[Expression, tuple[Stage, Stage]]:
+    value: Expression, followed: tuple[Expression, Expression], delay: Expression, share: Expression, shortest: float,
+    swing: Expression = 0.0,
+) -> tuple[Expression, tuple[Stage, Stage]]:  # fmt: skip
     """``value`` behind two lags in a row of mean delay ``delay`` (s), of which the second has the ``share``.
 
     followed : what the first and the second have followed so far. Returned: what comes out, and what each follows. With a share
     of zero a first-order lag, of a half one of second order with equal roots, near to a spool or a filter of usual damping.
+    The first is driven on by ``swing`` (0 to below 1) times the way that the second is behind it: with a share of a half the
+    damping is ``sqrt(1 - swing)``, below 1.
     """
     first, T1 = vanishing_lag(delay * (1.0 - share), shortest)
-    second, T2 = vanishing_lag(delay * share, shortest)
-    between = value - first * (value - followed[0])
-    return between - second * (between - followed[1]), ((value, T1), (between, T2))
+    second, T2 = vanishing_lag(delay * share / (1.0 - swing), shortest)
+    driven = value + first * swing * (followed[0] - followed[1])
+    between = driven - first * (driven - followed[0])
+    return between - second * (between - followed[1]), ((driven, T1), (between, T2))
 
 
 def behind_two_lags(
