@@ -219,6 +219,16 @@ def test_costs_are_compared_with_loose_defects_where_one_has_no_others():
         current.fit.plant.effects = (CATALOGUE[standing],)
         judge = SimpleNamespace(**{**vars(JUDGE), "usually_fits": lambda trial: 0.6 if trial is bends[0][1] else 1.0})
         assert (acceptance.accepted(bends, current, first, judge) is not None) is taken
+    # nor there where it stands out, takes a fifth of the cost with tight defects, and leaves half of what was left
+    current.fit.plant.effects = (CATALOGUE["valve_hysteresis"],)
+    for ahead, tight, error, taken in (
+        (41.5, 28_000.0, 31.0, True), (4.0, 28_000.0, 31.0, False),
+        (41.5, 29_000.0, 31.0, False), (41.5, 28_000.0, 33.0, False),
+    ):  # fmt: skip
+        volume = mixed(error, 25_600.0, tight)
+        judge = SimpleNamespace(**{**vars(JUDGE), "usually_fits": lambda trial, own=volume: 0.6 if trial is own else 1.0})
+        found = acceptance.accepted([(score("dead_volume", 8e3, ahead=ahead), volume)], current, first, judge)
+        assert (found is not None) is taken
     current.fit.plant.effects = ()
     unseen = mixed(6.0, 26_100.0, 35_000.0)
     assert acceptance.accepted([(score("gravity", 5e3), unseen)], current, first, JUDGE) is None
