@@ -36,7 +36,8 @@ def two_lags(
     first, T1 = vanishing_lag(delay * (1.0 - share), shortest)
     second, T2 = vanishing_lag(delay * share / (1.0 - swing), shortest)
     driven = value + first * swing * (followed[0] - followed[1])
-    between = driven - first * (driven - followed[0])
+    # by the value and not by what drives it: a lag that does not turn on its own state is carried exactly by the controllers
+    between = value - first * (value - followed[0])
     return between - second * (between - followed[1]), ((driven, T1), (between, T2))
 
 
