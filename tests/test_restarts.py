@@ -164,40 +164,6 @@ def test_an_effect_without_a_state_a_bench_and_one_that_leaves_next_to_nothing_a
     assert not refitter.asked and found.error == left
 
 
-@pytest.mark.parametrize(
-    ("beside", "servo", "left", "fresh", "asked"),
-    [("valve_hysteresis", True, 40.0, 10.0, True), ("valve_hysteresis", True, 40.0, 900.0, True),
-     ("valve_hysteresis", True, 35.0, 10.0, False), ("valve_hysteresis", False, 40.0, 10.0, False),
-     (None, True, 40.0, 10.0, False)],
-)  # fmt: skip
-def test_what_is_far_off_beside_others_is_identified_afresh_with_them(beside, servo, left, fresh, asked, monkeypatch):
-    """Beside a valve's hysteresis, fitted without it, an unlisted volume left 38 of 54 floors, afresh 12."""
-    monkeypatch.setattr(restarts, "read_anew", lambda trial, *_: trial)
-    monkeypatch.setattr(restarts, "followed", lambda trial, *_: trial)
-    current = replace(stub(54.0**2, 27_000.0, beside))
-    current.fit.plant.servo = servo
-    trial, other = stub(left, 26_000.0, "dead_volume"), stub(fresh, 25_000.0, "dead_volume")
-    judge = SimpleNamespace(
-        small=0.15, trial=lambda fit, _: other if fit is other.fit else trial, fits=lambda one: one.error,
-        usually_fits=lambda one: one.error,
-    )  # fmt: skip
-    made = []
-    refitter = SimpleNamespace(afresh=lambda base, one: made.append((base, one.effect.name)) or other.fit)
-    found = restarts.settled(score("dead_volume", 9e3), trial, current, judge, refitter, lambda _: None)
-    assert made == ([(current.fit, "dead_volume")] if asked else [])
-    assert found is (other if asked and fresh < left else trial)
-
-
-def test_a_fresh_fit_takes_nothing_from_what_was_fitted_before(monkeypatch):
-    base = Plant(rig(), "lugre", effects_by_name(["gravity"]))
-    standing = SimpleNamespace(plant=base, runs=(), noise={})
-    known = Standing(base, (), dict.fromkeys(base.parameter_names, 2.0), {}, {}, 1.0, True)
-    monkeypatch.setattr(Standing, "of", lambda _: known)
-    monkeypatch.setattr(refits, "fit", lambda plant, _runs, start, *_, **__: (plant, start))
-    plant, start = refits.afresh(standing, Asked(CATALOGUE["friction_lag"], {"tau_L": 0.02}), list(CATALOGUE))
-    assert start == {} and {effect.name for effect in plant.effects} == {"gravity", "friction_lag"}
-
-
 def test_a_cold_refit_takes_the_effects_values_alone_from_what_it_is_given(monkeypatch):
     base = Plant(rig(), "lugre", effects_by_name(["gravity"]))
     standing = Standing(base, (), dict.fromkeys(base.parameter_names, 2.0), {}, {}, 1.0, True)

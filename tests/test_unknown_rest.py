@@ -87,7 +87,7 @@ def test_effects_of_several_equations_that_leave_many_floors_give_way_though_the
      (6000.0, 3000.0, 1.5, "effect")],
 )  # fmt: skip
 def test_a_function_beside_a_model_that_is_far_off_is_identified_from_the_data(searched_for, refit, last, verdict, monkeypatch):
-    """Beside a gain of p1 7 % too high it left 103 floors as searched for, 28 fitted from there, 7 from the data; an offset,
+    """Beside a gain of p1 7 % too high it left 103 floors as searched for, 28 fitted from there, 3 from the data; an offset,
     which was named, 37. It is not asked for where little is left, or where it explains less than nine tenths."""
     monkeypatch.setattr("pneuid.criticism.decision.rest.identified", lambda found, *_: replace(found, after=last))
 

@@ -26,8 +26,8 @@ MORE = 1.1
 """Times what an effect took of the training cost that a function must take to take its place: a tube's delay at a wrong
 break-away left 11 % of the held-out excess and a valve's gain over u 3 %, but that took 0.99 of what the delay did. A function
 in place of several effects need only take as much as they, or follow the training runs alike where it leaves less than half
-held out: of valves whose gain falls as they open a delay and a leak at null took 1.003 of what a gain over u did, and left
-five times as much, a delay and a critical ratio 1.0003, and left thirty times as much."""
+held out: of valves whose gain falls as they open a delay and a leak at null took 0.997 of what a gain over u did, and left
+five times as much, a delay and a critical ratio 1.0003 of it, and left 37 times as much."""
 
 LITTLE, MUCH = 0.05, 0.25
 """Shares of the held-out excess left by accepted effects, above which a term of another equation may take their place, and

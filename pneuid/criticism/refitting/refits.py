@@ -168,13 +168,6 @@ def led(base: Fit, there: Fit, asked: Asked, order: Sequence[str], monitor: Moni
     return near(plant, base.runs, values | known, base.noise, monitor=monitor)
 
 
-def afresh(base: Fit, asked: Asked, order: Sequence[str], monitor: Monitor | None = None) -> Fit:
-    """Identify the base model's effects plus the one asked for from the data alone, as if nothing had been fitted before."""
-    plant, _ = _plant_with(Standing.of(base), asked, order)
-    recordings = [run.recording for run in base.runs]
-    return fit(plant, recordings, {}, base.noise, monitor, prepared=base.runs)
-
-
 def without(base: Fit, name: str, monitor: Monitor | None = None) -> Fit:
     """Fit without one of the effects, warm from the values that remain; from an exact fit with tight defects at once as well.
 

@@ -35,10 +35,6 @@ FAR_CLOSER = 0.64
 """Share of another end's squared error of all windows below which the same is asked of it: a silencer's restriction beside a
 seal that warms up ended twice as far off in all windows for 16 % less in the usual ones; held out 17 floors off, not 3.2."""
 
-STUCK = 6.0
-"""Held-out error in floors from which a later effect on a servo rig is fitted afresh with those before it. Beside a valve's
-hysteresis, fitted without it, 200 cm^3 of unlisted volume left 38 of 54 floors from every start near by, afresh 12."""
-
 Say = Callable[[str], None]
 
 
@@ -78,18 +74,13 @@ def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: 
 
     Break-away is read anew from the data. On a servo rig an effect with a state of its own starts from several sizes as well,
     from what stood before and from the data alone. Where whole runs are followed to no more than chance above their noise, the
-    optimum is the right one. Beside others that leave a servo rig far off the whole model is identified afresh: the ones before
-    have ended where they stand in for it.
+    optimum is the right one.
     """
     if trial.error < MISFIT:
         trial = to_the_end(trial, judge, refitter, say)
     if _noise_alone(trial):
         return trial
     best = followed(read_anew(trial, judge, refitter, say), current, judge, refitter, say)
-    if current.added is not None and current.fit.plant.servo and min(best.error, best.whole) > STUCK**2:
-        say(f"{trial.added}: identified afresh beside the others")
-        fresh = judge.trial(refitter.afresh(current.fit, Asked(score.effect, score.whole_start, score.gain)), trial.added)
-        best = best_end([best, fresh], judge)
     sizes = large_starts(current, score, SIZES)
     if not sizes or _next_to_nothing(best, current, judge):
         return best

@@ -168,7 +168,7 @@ def identified(found: Found, fit: Fit, hold_out: Sequence[Recording], floor: Map
     """What the search has found, as the model with its terms says, identified from the data alone, where that is better.
 
     A base model that is far off leads astray: beside a gain of p1 7 % too high the function ended at 103 floors along its
-    derivatives, at 28 from there, and at 7 from the data.
+    derivatives, at 28 from there, and at 3 from the data.
     """
     plant, _ = _with_terms(fit, found.joint)
     end = estimate(plant, [run.recording for run in fit.runs], {}, fit.noise, prepared=fit.runs)
