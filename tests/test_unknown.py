@@ -22,9 +22,9 @@ from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.virtual_rig import (
     ATMOSPHERE,
+    NOTHING,
     OUTSIDE_EFFECTS,
     Friction,
-    Hidden,
     TruthBench,
     TruthServo,
     record_bench,
@@ -52,7 +52,7 @@ def _hose_runs(stiffness):
     """Three runs of a bench at 1, 3 and 5 bar with a force of 0.1 N/mm times a function of p1 added to what is measured."""
     for seed, bar in enumerate((1, 3, 5)):
         motion = sine(amplitude=0.09, frequency=0.5, cycles=2)
-        record = record_bench(TruthBench(friction=Friction()), bar * 1e5 + ATMOSPHERE, 2e5 + ATMOSPHERE, motion, Hidden(), seed)
+        record = record_bench(TruthBench(friction=Friction()), bar * 1e5 + ATMOSPHERE, 2e5 + ATMOSPHERE, motion, NOTHING, seed)
         yield record | {"F": record["F"] + 100.0 * (record["x"] - 0.2) * stiffness(record["p1"])}
 
 

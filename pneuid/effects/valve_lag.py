@@ -38,7 +38,7 @@ class ValveLag(Effect):
         """Mean delay of the spool, 2 to 10 ms for valves of this size, the share of the second lag, how far behind it slews.
 
         The share is 0 for a lag of first order, 0.5 for one of second order with equal roots, as a well damped spool is; with
-        ``f`` 0.5 beside that the damping is 0.7, as of most proportional valves.
+        ``f`` 0.5 beside that the damping is 0.7.
         """
         return (
             Parameter("tau_valve", "τ_v", "s", 0.0, 0.2, 0.0, 3e-3, _SOURCE, off=0.0),

@@ -31,7 +31,8 @@ def two_lags(
     followed : what the first and the second have followed so far. Returned: what comes out, and what each follows. With a share
     of zero a first-order lag, of a half one of second order with equal roots, near to a spool or a filter of usual damping.
     The first is driven on by ``swing`` (0 to below 1) times the way that the second is behind it: with a share of a half the
-    damping is ``sqrt(1 - swing)``, below 1.
+    damping is ``sqrt(1 - swing)``, below 1. That mean delay is for one long against ``shortest``: with a swing and a share of a
+    half it is 2 % longer at ten times ``shortest`` and 15 % at three.
     """
     first, T1 = vanishing_lag(delay * (1.0 - share), shortest)
     second, T2 = vanishing_lag(delay * share / (1.0 - swing), shortest)

@@ -146,8 +146,8 @@ def _qualifies(score: Score, trial: Trial, current: Trial, first: Trial, judge: 
     nearly_all, halves = part >= NEARLY_ALL, _halves_training(trial, current, judge)
     of_its_form = confused(score.effect, current) and not (nearly_all and halves and current.error > NO_FORM**2)
     foretold = halved or (part >= SOME_SHARE and judge.usually_fits(trial) < FORETOLD * judge.usually_fits(current))
-    alone = stands_out(score) and part >= CLEAR_SHARE and standing - ended >= SOME_SHARE * standing
-    explains = telling and (nearly_all or (foretold and (alone or _on_another_balance(score.effect, current))))
+    unrivalled = stands_out(score) and part >= CLEAR_SHARE and standing - ended >= SOME_SHARE * standing
+    explains = telling and (nearly_all or (foretold and (unrivalled or _on_another_balance(score.effect, current))))
     agreed = part >= CLEAR_SHARE and halves
     if (explains or agreed) and not of_its_form:
         enough = standing - ended > least_drop(current)
