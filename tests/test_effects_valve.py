@@ -167,6 +167,15 @@ def test_a_ramp_arrives_late_by_the_delay_however_short(tau):
     assert 0.5 * t[-1] - found[-1] == pytest.approx(0.5 * tau, abs=0.5 * 1e-4)
 
 
+@pytest.mark.parametrize("swing", [0.2, 0.5])
+@pytest.mark.parametrize("tau", [1e-3, 3e-3, 10e-3])
+def test_a_swinging_spool_is_late_by_its_delay_however_short(tau, swing):
+    own = {"tau_valve": tau, "order_valve": 0.5, "swing_valve": swing, "slew_valve": PROMPT}
+    t, found = _opening(plant_with("valve_lag"), own, lambda now: 0.5 * now, 20 * max(tau, 2e-3), 2e-5)
+    # the held command of one integration step adds h/2
+    assert 0.5 * t[-1] - found[-1] == pytest.approx(0.5 * tau, rel=0.01, abs=0.5 * 2e-5)
+
+
 def test_without_delay_the_command_passes_whatever_the_spool_state_is():
     assert float(at(plant_with("valve_lag"), {"u": 3.0, "spool": -0.8}, {"tau_valve": 0.0}).opening) == 0.3
 
