@@ -124,13 +124,24 @@ def test_a_vanishing_lag_is_late_by_its_delay(delay, shortest):
 
 def test_the_line_holds_back_the_delay_times_the_flow_and_loses_nothing():
     plant, tau, h = plant_with("line_delay"), 5e-3, 5e-5
-    t, arriving = followed(plant, lambda _: 6.0, {"tau_line": tau}, 0.06, h)
+    first_order = {"tau_line": tau, "order_line": 0.0, "swing_line": 0.0}
+    t, arriving = followed(plant, lambda _: 6.0, first_order, 0.06, h)
     valve = at(plant_with(), {"u": 6.0})
     for name, flow in (("mdot1", float(valve.mdot1)), ("mdot2", float(valve.mdot2))):
         assert arriving[name][-1] == pytest.approx(flow, rel=1e-4)
         assert h * np.sum(flow - arriving[name]) == pytest.approx(tau * flow, rel=0.01)
     # a lag of the first order: 63 % after the delay
     assert arriving["mdot1"][np.searchsorted(t, tau)] / float(valve.mdot1) == pytest.approx(1 - np.exp(-1), abs=0.02)
+
+
+def test_a_line_of_second_order_that_swings_is_near_to_a_wave_that_comes_late_and_unchanged():
+    plant, tau, h = plant_with("line_delay"), 20e-3, 1e-4
+    t, arriving = followed(plant, lambda _: 6.0, {"tau_line": tau, "order_line": 0.5, "swing_line": 0.5}, 0.2, h)
+    for name in ("mdot1", "mdot2"):
+        share = np.diff(arriving[name], prepend=0.0) / arriving[name][-1]
+        assert float(share @ t) == pytest.approx(tau, rel=0.02)
+        # the second moment of the impulse response about its mean: none in a pure delay, tau^2 in a lag of first order
+        assert abs(float(share @ (t - tau) ** 2)) < 0.03 * tau**2
 
 
 @pytest.mark.parametrize("b", [0.15, 0.3, 0.55])

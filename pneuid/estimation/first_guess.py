@@ -196,6 +196,21 @@ def followed_effects(
     """States ``(ne, N)`` that the effects bring, followed along the measured trajectory from their starts, and how
     fast they forget ``(ne, N)``, 1/s; ``z`` (N,) is the bristle's deflection in m."""
     count = len(plant.states) - len(plant.effect_states)
+    known = {"x": motion.x, "v": motion.v, "z": z}
+    known |= {name: _averaged(run.measured(name)) for name in ("p1", "p2") if name in plant.outputs}
+    given = np.vstack([run.input(name) for name in plant.inputs])
+    column = np.repeat(plant.theta(values, _OPEN_RANGES, run.own.mass)[:, None], run.n, axis=1)
+    signals = np.vstack([known.get(name, np.zeros(run.n)) for name in plant.states[:count]])
+    every = np.vstack([signals, np.zeros((len(plant.effect_states), run.n))])
+    first = starting_states(plant, every[:, :1], given[:, :1], column[:, :1])
+    moved, decays = (np.asarray(item) for item in _following(plant, run.n)(first, signals, given, column, run.data[0]))
+    return np.hstack([first, moved[:, :-1]]), decays
+
+
+@once_per_structure(STRUCTURES)
+def _following(plant: Plant, samples: int) -> ca.Function:
+    """``(own, core, w, theta, step) -> (own after each sample, its decay)``, ``samples`` columns; the bristle is not own."""
+    count = len(plant.states) - len(plant.effect_states)
     core, own = ca.SX.sym("core", count), ca.SX.sym("own", len(plant.effect_states))
     w, theta, step = ca.SX.sym("w", len(plant.inputs)), ca.SX.sym("theta", len(plant.theta_names)), ca.SX.sym("step")
     relaxing = plant.evaluate(ca.vertcat(core, own), w, theta).relaxing[1:]
@@ -208,16 +223,8 @@ def followed_effects(
         source, decay = rates(relaxed(after, source, decay, 0.5 * h), core, w, theta)
         after = relaxed(after, source, decay, h)
     # sample by sample: a state may hold on or let go depending on where it is itself
-    along = ca.Function("followed", [own, core, w, theta, step], [after, rates(own, core, w, theta)[1]]).mapaccum(run.n)
-    known = {"x": motion.x, "v": motion.v, "z": z}
-    known |= {name: _averaged(run.measured(name)) for name in ("p1", "p2") if name in plant.outputs}
-    given = np.vstack([run.input(name) for name in plant.inputs])
-    column = np.repeat(plant.theta(values, _OPEN_RANGES, run.own.mass)[:, None], run.n, axis=1)
-    signals = np.vstack([known.get(name, np.zeros(run.n)) for name in plant.states[:count]])
-    every = np.vstack([signals, np.zeros((len(plant.effect_states), run.n))])
-    first = starting_states(plant, every[:, :1], given[:, :1], column[:, :1])
-    moved, decays = (np.asarray(item) for item in along(first, signals, given, column, run.data[0]))
-    return np.hstack([first, moved[:, :-1]]), decays
+    along = ca.Function("followed", [own, core, w, theta, step], [after, rates(own, core, w, theta)[1]])
+    return along.mapaccum(samples)
 
 
 def _averaged(y: np.ndarray) -> np.ndarray:
