@@ -34,7 +34,7 @@ def _filling(plant, values, count=240):
 @pytest.mark.parametrize("tau", [5e-4, 4e-3, 0.02])
 def test_a_lagging_pressure_is_the_pressure_behind_two_lags_in_a_row(name, tau, share):
     plant = plant_with(f"sensor_lag_{name}")
-    t, states, shown = _filling(plant, {f"tau_{name}": tau, f"order_{name}": share})
+    t, states, shown = _filling(plant, {f"tau_{name}": tau, f"order_{name}": share, f"swing_{name}": 0.0})
     p = states[plant.states.index(name)]
     T = np.hypot(tau, 1e-3)
     expected = p - p[0]
@@ -49,6 +49,19 @@ def test_a_lagging_pressure_is_the_pressure_behind_two_lags_in_a_row(name, tau, 
     assert np.abs(shown[name] - p)[4:].max() > 1e-3 * moved
     other = {"p1": "p2", "p2": "p1"}[name]
     np.testing.assert_array_equal(shown[other], states[plant.states.index(other)])
+
+
+@pytest.mark.parametrize("name", ["p1", "p2"])
+@pytest.mark.parametrize("damping", [0.5, 0.7071, 0.9])
+def test_a_pressure_behind_a_filter_of_little_damping_is_that_of_one_of_second_order(name, damping):
+    """Of the frequency with the same mean delay, ``2 D / omega``."""
+    plant, tau = plant_with(f"sensor_lag_{name}"), 0.02
+    given = {f"tau_{name}": tau, f"order_{name}": 0.5, f"swing_{name}": 1.0 - damping**2}
+    t, states, shown = _filling(plant, given, count=600)
+    p, omega = states[plant.states.index(name)], 2.0 * damping / tau
+    _, expected, _ = lsim(([omega**2], [1.0, 2.0 * damping * omega, omega**2]), p - p[0], t)
+    late = t > 3 * tau
+    np.testing.assert_allclose(shown[name][late], (p[0] + expected)[late], atol=0.02 * np.abs(shown[name] - p).max())
 
 
 def test_skewed_channels_show_what_was_a_moment_ago():
@@ -94,7 +107,7 @@ def test_a_force_offset_shifts_the_force():
 @pytest.mark.parametrize("share", [0.0, 0.25, 0.5])
 def test_a_lagging_force_follows_a_reversal_and_does_not_smooth_the_pressures(share):
     plant, tau = plant_with("sensor_lag_F", on=rig("bench")), 6e-3
-    values = {"tau_F": tau, "order_F": share}
+    values = {"tau_F": tau, "order_F": share, "swing_F": 0.0}
     theta = plant.theta(values_of(plant, values), RANGES)
     w = np.array([0.2, 0.02, 0.0, 4e5, 3e5])
     step = step_function(plant)

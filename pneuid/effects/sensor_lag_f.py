@@ -20,6 +20,7 @@ would smooth, short against the time in which a regulator fills a chamber."""
 class SensorLagF(Effect):
     """The sensor shows ``F`` behind two lags in a row of mean delay ``tau``, of which the second has the share ``h``.
 
+    The first is driven on by ``f`` times the way that the second is behind it: with ``h = 1/2`` the damping is ``sqrt(1 - f)``.
     The lags are those of inertia, friction and weight. The pressure force is late by ``tau`` times its rate, taken behind two
     lags of 20 ms: lagging it would smooth the noise of the measured pressures and be rewarded for that alone.
     """
@@ -41,11 +42,13 @@ class SensorLagF(Effect):
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """Delay of the amplifier, milliseconds are usual, and the share of the second lag.
 
-        It is 0 for a filter of first order, 0.5 for one of second order with equal roots.
+        It is 0 for a filter of first order, 0.5 for one of second order: with equal roots where ``f`` is 0, of Butterworth's
+        damping where it is 0.5. A running average lies between, near 0.25.
         """
         return (
             Parameter("tau_F", "τ_F", "s", 0.0, 0.2, 0.0, 2e-3, _SOURCE, off=0.0),
             Parameter("order_F", "h_F", "1", 0.0, 0.5, 0.2, 0.1, _SOURCE, prior=0.2),
+            Parameter("swing_F", "f_F", "1", 0.0, 0.8, 0.1, 0.1, _SOURCE, prior=0.2),
         )
 
     def sensor(self, signal: str, value: Expression, scope: Scope) -> Expression:
@@ -65,4 +68,4 @@ class SensorLagF(Effect):
     @staticmethod
     def _followed(force: Expression, scope: Scope) -> tuple[Expression, tuple[Stage, Stage]]:
         p, state = scope.p, scope.state
-        return two_lags(force, (state.F_between, state.F_followed), p.tau_F, p.order_F, _SHORTEST)
+        return two_lags(force, (state.F_between, state.F_followed), p.tau_F, p.order_F, _SHORTEST, p.swing_F)

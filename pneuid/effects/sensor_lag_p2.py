@@ -17,7 +17,10 @@ _SHORTEST = 1.0e-3
 
 
 class SensorLagP2(Effect):
-    """The sensor shows ``p2`` behind two lags in a row of mean delay ``tau``, of which the second has the share ``h``."""
+    """The sensor shows ``p2`` behind two lags in a row of mean delay ``tau``, of which the second has the share ``h``.
+
+    The first is driven on by ``f`` times the way that the second is behind it: with ``h = 1/2`` the damping is ``sqrt(1 - f)``.
+    """
 
     name = "sensor_lag_p2"
     mechanism = "a thin tube or a filter between chamber 2 and its sensor makes the pressure shown lag"
@@ -31,11 +34,13 @@ class SensorLagP2(Effect):
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """Mean delay of tube and sensor, milliseconds are usual, and the share of the second lag.
 
-        It is 0 for a tube of first order, 0.5 for a filter of second order with equal roots.
+        It is 0 for a tube of first order, 0.5 for a filter of second order: with equal roots where ``f`` is 0, of Butterworth's
+        damping where it is 0.5. A running average lies between, near 0.25.
         """
         return (
             Parameter("tau_p2", "τ_p2", "s", 0.0, 0.2, 0.0, 2e-3, _SOURCE, off=0.0),
             Parameter("order_p2", "h_p2", "1", 0.0, 0.5, 0.2, 0.1, _SOURCE, prior=0.2),
+            Parameter("swing_p2", "f_p2", "1", 0.0, 0.8, 0.1, 0.1, _SOURCE, prior=0.2),
         )
 
     def sensor(self, signal: str, value: Expression, scope: Scope) -> Expression:
@@ -49,4 +54,4 @@ class SensorLagP2(Effect):
     @staticmethod
     def _behind(pressure: Expression, scope: Scope) -> tuple[Expression, tuple[Stage, Stage]]:
         p, rates = scope.p, (scope.state.rate_p2, scope.state.rate_p2_shown)
-        return behind_two_lags(pressure, scope.p2_rate, rates, p.tau_p2, p.order_p2, _SHORTEST)
+        return behind_two_lags(pressure, scope.p2_rate, rates, p.tau_p2, p.order_p2, _SHORTEST, p.swing_p2)

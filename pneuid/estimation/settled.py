@@ -10,12 +10,18 @@ from pneuid.step import STRUCTURES
 
 
 @once_per_structure(STRUCTURES)
-def _targets(plant: Plant) -> ca.Function:
-    """``(s, w, theta) -> targets (ne,)`` of the states that effects bring."""
+def _behind(plant: Plant) -> ca.Function:
+    """``(s, w, theta) -> (behind (ns,), slopes (ns, ns))`` of the settled states: how far each is from what it follows."""
     s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
     theta = ca.SX.sym("theta", len(plant.theta_names))
     relaxing = plant.evaluate(s, w, theta).relaxing[1:]
-    return ca.Function("targets", [s, w, theta], [ca.vertcat(*(source / decay for source, decay in relaxing))])
+    at = [len(plant.states) - len(relaxing) + i for i in _settled(plant)]
+    behind = ca.vertcat(*(relaxing[i][0] / relaxing[i][1] for i in _settled(plant))) - s[at]
+    return ca.Function("behind", [s, w, theta], [behind, ca.densify(ca.jacobian(behind, s)[:, at])])
+
+
+def _settled(plant: Plant) -> list[int]:
+    return [i for i, state in enumerate(plant.effect_states) if state.settled]
 
 
 def starting_states(plant: Plant, states: np.ndarray, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -24,9 +30,11 @@ def starting_states(plant: Plant, states: np.ndarray, inputs: np.ndarray, theta:
     states : ``(ns, N)``, of which those of effects are not read; inputs : ``(nw, N)``; theta : ``(ntheta, N)``.
     """
     own = np.tile(np.array([state.initial for state in plant.effect_states])[:, None], states.shape[1:])
-    settled = [i for i, state in enumerate(plant.effect_states) if state.settled]
-    # one may follow another: each pass settles the next of a chain
+    settled = _settled(plant)
+    # one may follow another, and be driven on by what it drives: each step of Newton's settles the next of what is not linear
     for _ in settled:
         at = np.vstack([states[: len(states) - len(own)], own])
-        own[settled] = np.asarray(_targets(plant)(at, inputs, theta))[settled]
+        for k in range(at.shape[1]):
+            behind, slopes = (np.asarray(item) for item in _behind(plant)(at[:, k], inputs[:, k], theta[:, k]))
+            own[settled, k] -= np.linalg.solve(slopes, behind)[:, 0]
     return own

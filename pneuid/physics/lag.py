@@ -46,14 +46,15 @@ def two_lags(
 
 def behind_two_lags(
     value: Expression, value_rate: Expression, rates: tuple[Expression, Expression], delay: Expression, share: Expression,
-    shortest: float,
+    shortest: float, swing: Expression = 0.0,
 ) -> tuple[Expression, tuple[Stage, Stage]]:
     """`two_lags` by the filtered ``rates`` (1/s) of ``value`` and of what the first lag shows, which are zero at rest.
 
-    Returned: what comes out, and what each rate follows.
+    Returned: what comes out, late by ``delay`` whatever the others are, and what each rate follows.
     """  # fmt: skip
     first, second = delay * (1.0 - share), delay * share
     weight, T1 = vanishing_lag(first, shortest)
+    T2 = vanishing_lag(second / (1.0 - swing * weight * weight), shortest)[1]
+    driven_rate = value_rate + weight * swing * (rates[0] - rates[1])
     between_rate = value_rate - weight * (value_rate - rates[0])
-    shown = value - first * rates[0] - second * rates[1]
-    return shown, ((value_rate, T1), (between_rate, vanishing_lag(second, shortest)[1]))
+    return value - first * rates[0] - second * rates[1], ((driven_rate, T1), (between_rate, T2))
