@@ -84,8 +84,10 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
             return function.explains and (taken or (constant and _holds_the_constant(verdict, function, left)))
 
         alone = _searched(verdict, verdict.base, hold_out, floor, say)
-        for share, least, again in ((HALF, 0.0, refitted), (NEARLY_ALL, FLOORS**2, identified)):
-            if alone.explained > share and alone.after > least and not stood_in(alone):
+        for worth_it, least, again in (
+            (alone.explained > HALF or _shown(alone), 0.0, refitted), (alone.explained > NEARLY_ALL, FLOORS**2, identified)
+        ):
+            if worth_it and alone.after > least and not stood_in(alone):
                 say(f"refitting with {', '.join(term.name for term in alone.joint.terms)}")
                 alone = again(alone, verdict.base, hold_out, floor)
         if stood_in(alone):
@@ -96,6 +98,9 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
             )  # fmt: skip
             return replace(verdict, diagnosis=found, best=verdict.base)
     rest = _searched(verdict, verdict.best, hold_out, floor, say)
+    if not rest.explains and _shown(rest):
+        say(f"refitting with {', '.join(term.name for term in rest.joint.terms)}")
+        rest = refitted(rest, verdict.best, hold_out, floor)
     if not rest.explains and alone is not None and alone.explains and alone.beyond < UNCOVERED and alone.after - 1.0 < left:
         sentences = (*diagnosis.sentences, IN_PLACE.format(", ".join(diagnosis.effects)), *_said(alone))
         return replace(verdict, diagnosis=replace(diagnosis, unknown=_unknown(alone), sentences=sentences))
@@ -116,6 +121,15 @@ def _searched(
     """What a function explains of a fit's rest; the walk may have looked for it already."""
     known = verdict.function
     return known.by(floor) if known is not None and known.fit is fit else search(fit, hold_out, floor, say)
+
+
+def _shown(found: Found) -> bool:
+    """Whether the training runs show a function so much that it is fitted although the held-out runs do not bear it out yet.
+
+    A joint fit that goes far along the base model's derivatives does not end where it should: of a seal that chatters at some
+    speeds a function of speed took 81 % of the cost and 17 % of the held-out excess, refitted 76 % of either.
+    """
+    return found.gain > HALF * found.fit.relaxed_cost
 
 
 def _seen_in_training(verdict: Verdict, rest: Found) -> Verdict:
