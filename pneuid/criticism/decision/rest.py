@@ -84,12 +84,12 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
             return function.explains and (taken or (constant and _holds_the_constant(verdict, function, left)))
 
         alone = _searched(verdict, verdict.base, hold_out, floor, say)
-        for worth_it, least, again in (
-            (alone.explained > HALF or _shown(alone), 0.0, refitted), (alone.explained > NEARLY_ALL, FLOORS**2, identified)
-        ):
-            if worth_it and alone.after > least and not stood_in(alone):
-                say(f"refitting with {', '.join(term.name for term in alone.joint.terms)}")
-                alone = again(alone, verdict.base, hold_out, floor)
+        if (alone.explained > HALF or _shown(alone)) and not stood_in(alone):
+            say(f"refitting with {', '.join(term.name for term in alone.joint.terms)}")
+            alone = refitted(alone, verdict.base, hold_out, floor)
+        if alone.explained > NEARLY_ALL and alone.after > FLOORS**2 and not stood_in(alone):
+            say(f"identifying {', '.join(term.name for term in alone.joint.terms)} from the data")
+            alone = identified(alone, verdict.base, hold_out, floor)
         if stood_in(alone):
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
             found = replace(
