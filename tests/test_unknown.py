@@ -12,10 +12,10 @@ from magnet import STAND, magnet, magnet_runs, searched
 
 from pneuid.criticism.decision.rest import _unknown
 from pneuid.criticism.unknown.distil import _fitted, distilled
-from pneuid.criticism.unknown.function_search import _with_second, judged, ranking, refitted
+from pneuid.criticism.unknown.function_search import _finest, _with_second, judged, ranking, refitted
 from pneuid.criticism.unknown.probes import Probing
 from pneuid.effects._formula import SHAPES
-from pneuid.effects._spline import Term, curve, spline
+from pneuid.effects._spline import KNOTS, Term, curve, spline
 from pneuid.estimation.curves import Curve
 from pneuid.estimation.fit import fit
 from pneuid.plant import Plant
@@ -236,11 +236,23 @@ def test_a_leak_or_a_hole_in_both_flows_leads_where_both_halves_promise_more_tha
         return 4600.0 if names & halves else 5900.0 if names == {"valve(psup*)"} else 100.0
 
     scope = SimpleNamespace(psup=np.array([3e5, 7e5]))
-    probes = SimpleNamespace(problem=SimpleNamespace(plant=SimpleNamespace(servo=True)), scope=scope, screened=screened)
+    problem = SimpleNamespace(plant=SimpleNamespace(servo=True))
+    probes = SimpleNamespace(problem=problem, scope=scope, screened=screened, start_cost=1e6)
     ranked = ranking(probes)  # type: ignore[arg-type]
     assert (len(ranked[0][1]) == 2) == leads and any(len(terms) == 2 for _, terms in ranked) == leads
     probes.problem.plant.servo = False
     assert all(len(terms) == 1 for _, terms in ranking(probes))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("usual", "finer", "knots"), [(8100.0, 9250.0, 24), (8100.0, 8800.0, KNOTS), (1000.0, 1230.0, 24), (1000.0, 1220.0, KNOTS)]
+)
+def test_more_splines_are_worth_what_they_leave_or_what_they_add(usual, finer, knots):
+    """Of a cost of 10000: nothing can be 1.2 times what takes 81 % of it, and halving what is left says as much."""
+    made = {KNOTS: usual, 24: finer}
+    probes = SimpleNamespace(screened=lambda term: made[term.knots], start_cost=1e4)
+    drop, (term,) = _finest(probes, Term("friction", "v"))  # type: ignore[arg-type]
+    assert (drop, term.knots) == (made[term.knots], knots)
 
 
 @pytest.mark.parametrize(("pair_cost", "both"), [(26_200.0, True), (26_900.0, False)])

@@ -85,11 +85,9 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
 
         alone = _searched(verdict, verdict.base, hold_out, floor, say)
         if (alone.explained > HALF or _shown(alone)) and not stood_in(alone):
-            say(f"refitting with {', '.join(term.name for term in alone.joint.terms)}")
-            alone = refitted(alone, verdict.base, hold_out, floor)
+            alone = refitted(alone, verdict.base, hold_out, floor, say)
         if alone.explained > NEARLY_ALL and alone.after > FLOORS**2 and not stood_in(alone):
-            say(f"identifying {', '.join(term.name for term in alone.joint.terms)} from the data")
-            alone = identified(alone, verdict.base, hold_out, floor)
+            alone = identified(alone, verdict.base, hold_out, floor, say)
         if stood_in(alone):
             words = f"{', '.join(diagnosis.effects)} stood in for it and explained less"
             found = replace(
@@ -99,8 +97,7 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
             return replace(verdict, diagnosis=found, best=verdict.base)
     rest = _searched(verdict, verdict.best, hold_out, floor, say)
     if not rest.explains and _shown(rest):
-        say(f"refitting with {', '.join(term.name for term in rest.joint.terms)}")
-        rest = refitted(rest, verdict.best, hold_out, floor)
+        rest = refitted(rest, verdict.best, hold_out, floor, say)
     if not rest.explains and alone is not None and alone.explains and alone.beyond < UNCOVERED and alone.after - 1.0 < left:
         sentences = (*diagnosis.sentences, IN_PLACE.format(", ".join(diagnosis.effects)), *_said(alone))
         return replace(verdict, diagnosis=replace(diagnosis, unknown=_unknown(alone), sentences=sentences))

@@ -45,7 +45,7 @@ FINER = {"x": (24, 60), "v": (24,)}
 seal that chatters does so in a band of speeds."""
 
 WORTH_KNOTS, WORTH_REST = 1.2, 0.5
-"""Factor by which a finer spline, a second term, or a pressure as a factor must raise the predicted drop, or to what share of it
+"""Factor by which a finer spline, a second term, or a pressure as a factor must raise the predicted drop, or the share to which
 a finer spline and a pressure must bring down the cost that would be left: of a chatter at some speeds the usual spline left
 19 %, a finer one 7.5 %, and no drop can be 1.2 times 81 %."""
 
@@ -157,22 +157,28 @@ def search(fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float], 
     return found
 
 
-def refitted(found: Found, fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float]) -> Found:
+def refitted(
+    found: Found, fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float], say: Say = lambda _: None
+) -> Found:
     """What the search has found, as a fit of the model with its terms from there says where that is better.
 
     The joint fit moves along the base model's derivatives: of a valve whose ports saturate it left three times as much.
     """
+    say(f"refitting with {_named(found.joint.terms)}")
     plant, start = _with_terms(fit, found.joint)
     end = estimate(plant, [run.recording for run in fit.runs], start, fit.noise, exact=False, prepared=fit.runs, again=True)
     return _where_it_ends(found, fit, end, hold_out, floor)
 
 
-def identified(found: Found, fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float]) -> Found:
+def identified(
+    found: Found, fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float], say: Say = lambda _: None
+) -> Found:
     """What the search has found, as the model with its terms says, identified from the data alone, where that is better.
 
     A base model that is far off leads astray: beside a gain of p1 7 % too high the function ended at 103 floors along its
     derivatives, at 28 from there, and at 3 from the data.
     """
+    say(f"identifying {_named(found.joint.terms)} from the data")
     plant, _ = _with_terms(fit, found.joint)
     end = estimate(plant, [run.recording for run in fit.runs], {}, fit.noise, prepared=fit.runs)
     return _where_it_ends(found, fit, end, hold_out, floor)
