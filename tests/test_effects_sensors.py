@@ -10,6 +10,7 @@ from helpers import RANGES, march, rig, step_function, values_of
 from hypothesis import given
 from hypothesis import strategies as st
 from operating import BENCH_POINT, at, plant_with
+from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 
 from pneuid.estimation.settled import starting_states
@@ -34,7 +35,7 @@ def _filling(plant, values, count=240):
 @pytest.mark.parametrize("tau", [5e-4, 4e-3, 0.02])
 def test_a_lagging_pressure_is_the_pressure_behind_two_lags_in_a_row(name, tau, share):
     plant = plant_with(f"sensor_lag_{name}")
-    t, states, shown = _filling(plant, {f"tau_{name}": tau, f"order_{name}": share, f"swing_{name}": 0.0})
+    t, states, shown = _filling(plant, {f"tau_{name}": tau, f"order_{name}": share, f"swing_{name}": 0.0, f"tube_{name}": 0.0})
     p = states[plant.states.index(name)]
     T = np.hypot(tau, 1e-3)
     expected = p - p[0]
@@ -56,12 +57,30 @@ def test_a_lagging_pressure_is_the_pressure_behind_two_lags_in_a_row(name, tau, 
 def test_a_pressure_behind_a_filter_of_little_damping_is_that_of_one_of_second_order(name, damping):
     """Of the frequency with the same mean delay, ``2 D / omega``."""
     plant, tau = plant_with(f"sensor_lag_{name}"), 0.02
-    given = {f"tau_{name}": tau, f"order_{name}": 0.5, f"swing_{name}": 1.0 - damping**2}
+    given = {f"tau_{name}": tau, f"order_{name}": 0.5, f"swing_{name}": 1.0 - damping**2, f"tube_{name}": 0.0}
     t, states, shown = _filling(plant, given, count=600)
     p, omega = states[plant.states.index(name)], 2.0 * damping / tau
     _, expected, _ = lsim(([omega**2], [1.0, 2.0 * damping * omega, omega**2]), p - p[0], t)
     late = t > 3 * tau
     np.testing.assert_allclose(shown[name][late], (p[0] + expected)[late], atol=0.02 * np.abs(shown[name] - p).max())
+
+
+@pytest.mark.parametrize("name", ["p1", "p2"])
+def test_through_a_thin_tube_a_sealed_sensor_follows_the_faster_the_denser_the_air(name):
+    """Laminar and isothermal: what flows goes with the difference of the squared pressures."""
+    plant, tau = plant_with(f"sensor_lag_{name}"), 0.01
+    given = {f"tau_{name}": tau, f"order_{name}": 0.0, f"swing_{name}": 0.0, f"tube_{name}": 1.0}
+    t, states, shown = _filling(plant, given, count=800)
+    p = states[plant.states.index(name)]
+    found = solve_ivp(
+        lambda now, ps: (np.interp(now, t, p) ** 2 - ps**2) / (2.0 * tau * 4e5), (0.0, t[-1]), [p[0]], t_eval=t, rtol=1e-9,
+    )  # fmt: skip
+    late = t > 6 * tau
+    behind = np.abs(found.y[0] - p)[late].max()
+    np.testing.assert_allclose(shown[name][late], found.y[0][late], atol=0.05 * behind)
+    # a delay that is the same at all pressures is not within that
+    steady = _filling(plant, given | {f"tube_{name}": 0.0}, count=800)[2]
+    assert np.abs(steady[name] - found.y[0])[late].max() > 0.15 * behind
 
 
 def test_skewed_channels_show_what_was_a_moment_ago():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import casadi as ca
+
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
 from pneuid.physics.lag import Stage, behind_two_lags
@@ -15,11 +17,16 @@ _SOURCE = (
 _SHORTEST = 1.0e-3
 """Time constant in s with which the lag is screened; below it the lag keeps its delay alone."""
 
+_USUAL, _LEAST = 4.0e5, 2.0e4
+"""Absolute pressures in Pa at which the delay is stated, and down to which it grows."""
+
 
 class SensorLagP1(Effect):
     """The sensor shows ``p1`` behind two lags in a row of mean delay ``tau``, of which the second has the share ``h``.
 
     The first is driven on by ``f`` times the way that the second is behind it: with ``h = 1/2`` the damping is ``sqrt(1 - f)``.
+    A filter's delay is the same at all pressures (``e = 0``). Through a thin tube to a sealed sensor air creeps the faster the
+    denser it is: ``tau (4 bar / p1)^e``, ``e = 1``.
     """
 
     name = "sensor_lag_p1"
@@ -32,14 +39,15 @@ class SensorLagP1(Effect):
     states = (State("rate_p1", "Pa/s", 0.0, 5e5, 2e5), State("rate_p1_shown", "Pa/s", 0.0, 5e5, 2e5))
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Mean delay of tube and sensor, milliseconds are usual, and the share of the second lag.
+        """Mean delay of tube and sensor at 4 bar absolute, milliseconds are usual, the share of the second lag, and shapes.
 
-        It is 0 for a tube of first order, 0.5 for a filter of second order: with equal roots where ``f`` is 0, of Butterworth's
-        damping where it is 0.5. A running average lies between, near 0.25.
+        The share is 0 for a tube of first order, 0.5 for a filter of second order: with equal roots where ``f`` is 0, of
+        Butterworth's damping where it is 0.5. A running average lies between, near 0.25.
         """
         return (
             Parameter("tau_p1", "τ_p1", "s", 0.0, 0.2, 0.0, 2e-3, _SOURCE, off=0.0),
             Parameter("order_p1", "h_p1", "1", 0.0, 0.5, 0.2, 0.1, _SOURCE, prior=0.2),
+            Parameter("tube_p1", "e_p1", "1", 0.0, 1.0, 0.1, 0.1, _SOURCE, prior=0.3),
             Parameter("swing_p1", "f_p1", "1", 0.0, 0.8, 0.1, 0.1, _SOURCE, prior=0.2),
         )
 
@@ -54,4 +62,5 @@ class SensorLagP1(Effect):
     @staticmethod
     def _behind(pressure: Expression, scope: Scope) -> tuple[Expression, tuple[Stage, Stage]]:
         p, rates = scope.p, (scope.state.rate_p1, scope.state.rate_p1_shown)
-        return behind_two_lags(pressure, scope.p1_rate, rates, p.tau_p1, p.order_p1, _SHORTEST, p.swing_p1)
+        delay = p.tau_p1 * (_USUAL / ca.fmax(scope.p1, _LEAST)) ** p.tube_p1
+        return behind_two_lags(pressure, scope.p1_rate, rates, delay, p.order_p1, _SHORTEST, p.swing_p1)
