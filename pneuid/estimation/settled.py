@@ -11,7 +11,7 @@ from pneuid.step import STRUCTURES
 
 @once_per_structure(STRUCTURES)
 def _behind(plant: Plant) -> ca.Function:
-    """``(s, w, theta) -> (behind (ns,), slopes (ns, ns))`` of the settled states: how far each is from what it follows."""
+    """``(s, w, theta) -> (behind (m,), slopes (m, m))`` of the m settled states: how far each is from what it follows."""
     s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
     theta = ca.SX.sym("theta", len(plant.theta_names))
     relaxing = plant.evaluate(s, w, theta).relaxing[1:]
