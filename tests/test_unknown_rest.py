@@ -103,8 +103,10 @@ def test_a_function_beside_a_model_that_is_far_off_is_identified_from_the_data(s
 def test_what_takes_half_of_the_training_cost_is_fitted_though_held_out_runs_do_not_bear_it_out(
     names, shown, after, verdict, monkeypatch
 ):
-    """A seal that chatters at some speeds: 17 % of the held-out excess by the joint fit, 79 % by a fit from there. In the place
-    of an effect that explains a third, and where none is named."""
+    """A seal that chatters at some speeds: the joint fit made the held-out excess larger, one from there took 79 % of it.
+
+    In the place of an effect that explains a third, and where none is named.
+    """
     monkeypatch.setattr("pneuid.criticism.decision.rest.refitted", lambda found, *_: replace(found, after=after))
     base, (_, held), named = magnet()[0], magnet_runs(), searched()
     found = replace(named, before=100.0, after=83.0, gain=shown * base.relaxed_cost)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import casadi as ca
-
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
-from pneuid.physics.lag import Stage, behind_two_lags
+from pneuid.physics.lag import Stage, behind_two_lags, delay_through_tube
 from pneuid.rig import Rig
 
 _SOURCE = (
@@ -16,9 +14,6 @@ _SOURCE = (
 
 _SHORTEST = 1.0e-3
 """Time constant in s with which the lag is screened; below it the lag keeps its delay alone."""
-
-_USUAL, _LEAST = 4.0e5, 2.0e4
-"""Absolute pressures in Pa at which the delay is stated, and down to which it grows."""
 
 
 class SensorLagP1(Effect):
@@ -62,5 +57,5 @@ class SensorLagP1(Effect):
     @staticmethod
     def _behind(pressure: Expression, scope: Scope) -> tuple[Expression, tuple[Stage, Stage]]:
         p, rates = scope.p, (scope.state.rate_p1, scope.state.rate_p1_shown)
-        delay = p.tau_p1 * (_USUAL / ca.fmax(scope.p1, _LEAST)) ** p.tube_p1
+        delay = delay_through_tube(p.tau_p1, scope.p1, p.tube_p1)
         return behind_two_lags(pressure, scope.p1_rate, rates, delay, p.order_p1, _SHORTEST, p.swing_p1)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import casadi as ca
-
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
-from pneuid.physics.lag import Stage, behind_two_lags
+from pneuid.physics.lag import Stage, behind_two_lags, delay_through_tube
 from pneuid.rig import Rig
 
 _SOURCE = (
@@ -16,9 +14,6 @@ _SOURCE = (
 
 _SHORTEST = 1.0e-3
 """Time constant in s with which the lag is screened; below it the lag keeps its delay alone."""
-
-_USUAL, _LEAST = 4.0e5, 2.0e4
-"""Absolute pressures in Pa at which the delay is stated, and down to which it grows."""
 
 
 class SensorLagP2(Effect):
@@ -62,5 +57,5 @@ class SensorLagP2(Effect):
     @staticmethod
     def _behind(pressure: Expression, scope: Scope) -> tuple[Expression, tuple[Stage, Stage]]:
         p, rates = scope.p, (scope.state.rate_p2, scope.state.rate_p2_shown)
-        delay = p.tau_p2 * (_USUAL / ca.fmax(scope.p2, _LEAST)) ** p.tube_p2
+        delay = delay_through_tube(p.tau_p2, scope.p2, p.tube_p2)
         return behind_two_lags(pressure, scope.p2_rate, rates, delay, p.order_p2, _SHORTEST, p.swing_p2)

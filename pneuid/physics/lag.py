@@ -18,6 +18,19 @@ def vanishing_lag(delay: Expression, shortest: float) -> tuple[Expression, Expre
     return delay / time_constant, time_constant
 
 
+_STATED_AT, _LEAST = 4.0e5, 2.0e4
+"""Absolute pressures in Pa at which a tube's delay is stated, and down to which it grows."""
+
+
+def delay_through_tube(delay: Expression, p: Expression, power: Expression) -> Expression:
+    """Mean delay in s of a sealed sensor at absolute pressure ``p`` (Pa), ``delay`` at 4 bar.
+
+    With ``power`` 0 it is a filter's, the same at all pressures; with 1 that of a thin tube with laminar flow, which fills the
+    faster the denser the air is.
+    """
+    return delay * (_STATED_AT / ca.fmax(p, _LEAST)) ** power
+
+
 Stage = tuple[Expression, Expression]
 """What a stage of a lag follows, and its time constant in s."""
 
