@@ -178,8 +178,8 @@ def test_filters_start_where_they_have_settled():
     own = starting_states(plant, states, np.array([[point[name]] for name in plant.inputs]), theta)
     found = dict(zip((state.name for state in plant.effect_states), own[:, 0], strict=True))
     acting = float(at(plant_with(on=rig("bench")), point).outputs["F"]) + _pushing()
-    assert found["F_between"] == found["F_followed"] == pytest.approx(acting, rel=1e-9)
-    assert found["push_smooth"] == found["push_smoother"] == pytest.approx(_pushing(), rel=1e-9)
+    assert (found["F_between"], found["F_followed"]) == pytest.approx((acting, acting), rel=1e-9)
+    assert (found["push_smooth"], found["push_smoother"]) == pytest.approx((_pushing(), _pushing()), rel=1e-9)
     others = [state for state in plant.effect_states if not state.settled]
     assert others and all(found[state.name] == state.initial for state in others)
 

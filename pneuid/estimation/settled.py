@@ -8,16 +8,23 @@ import numpy as np
 from pneuid.plant import Plant, once_per_structure
 from pneuid.step import STRUCTURES
 
+_CLOSE = 1.0e-10
+"""How near a settled state is brought to what it follows, in the scale of that state."""
+
 
 @once_per_structure(STRUCTURES)
-def _behind(plant: Plant) -> ca.Function:
-    """``(s, w, theta) -> (behind (m,), slopes (m, m))`` of the m settled states: how far each is from what it follows."""
+def _settling(plant: Plant) -> ca.Function:
+    """``(guess (m,), (s, w, theta)) -> (settled (m,))``: the m settled states where none is behind what it follows."""
     s, w = ca.SX.sym("s", len(plant.states)), ca.SX.sym("w", len(plant.inputs))
     theta = ca.SX.sym("theta", len(plant.theta_names))
-    relaxing = plant.evaluate(s, w, theta).relaxing[1:]
-    at = [len(plant.states) - len(relaxing) + i for i in _settled(plant)]
-    behind = ca.vertcat(*(relaxing[i][0] / relaxing[i][1] for i in _settled(plant))) - s[at]
-    return ca.Function("behind", [s, w, theta], [behind, ca.densify(ca.jacobian(behind, s)[:, at])])
+    relaxing, own = plant.evaluate(s, w, theta).relaxing[1:], plant.effect_states
+    at = [len(plant.states) - len(own) + i for i in _settled(plant)]
+    behind = (relaxing[i][0] / relaxing[i][1] - s[j] for i, j in zip(_settled(plant), at, strict=True))
+    scaled = ca.vertcat(*(each / own[i].scale for i, each in zip(_settled(plant), behind, strict=True)))
+    guess = ca.SX.sym("guess", len(at))
+    residual = ca.substitute(scaled, s[at], guess)
+    options = {"abstol": _CLOSE, "max_iter": 50, "error_on_fail": False}
+    return ca.rootfinder("settling", "newton", {"x": guess, "p": ca.vertcat(s, w, theta), "g": residual}, options)
 
 
 def _settled(plant: Plant) -> list[int]:
@@ -31,10 +38,7 @@ def starting_states(plant: Plant, states: np.ndarray, inputs: np.ndarray, theta:
     """
     own = np.tile(np.array([state.initial for state in plant.effect_states])[:, None], states.shape[1:])
     settled = _settled(plant)
-    # one may follow another, and be driven on by what it drives: each step of Newton's settles the next of what is not linear
-    for _ in settled:
-        at = np.vstack([states[: len(states) - len(own)], own])
-        for k in range(at.shape[1]):
-            behind, slopes = (np.asarray(item) for item in _behind(plant)(at[:, k], inputs[:, k], theta[:, k]))
-            own[settled, k] -= np.linalg.solve(slopes, behind)[:, 0]
+    if settled:
+        given = np.vstack([states[: len(states) - len(own)], own, inputs, theta])
+        own[settled] = np.asarray(_settling(plant)(own[settled], given))
     return own
