@@ -13,8 +13,13 @@ _SOURCE = "Beater, Pneumatic Drives (Springer 2007), chapter 5 (proportional val
 
 _FASTEST = "Jelali, Kroll, Hydraulic Servo-systems (Springer 2003), chapter 4 (spool of limited speed)"
 
+_UNLIKE = "ISO 12238:2001 (shifting times of a valve, on and off measured apart)"
+
 _SHORTEST = 1.0e-3
 """Time constant in s with which the lag is screened; below it the lag keeps its delay alone."""
+
+_NEAR = 0.01
+"""Way behind, as a share of full scale, from which on the spring acts in full."""
 
 
 class ValveLag(Effect):
@@ -23,6 +28,8 @@ class ValveLag(Effect):
     The first is driven on by ``f`` times the way that the second is behind it, so that a spool of less than critical damping
     ``sqrt(1 - f) / (2 sqrt(h (1 - h)))`` swings. It moves no faster than ``g`` full scales per time constant ``T``, what a
     drive's current and spring allow: ``T ds/dt = e / sqrt(1 + (e/g)^2)`` with ``e`` the way it is behind.
+    A return spring at one end makes it ``exp(w)`` times as quick to where chamber 1 fills, and as much slower back; with
+    ``w < 0`` the other way round.
     """
 
     name = "valve_lag"
@@ -35,7 +42,7 @@ class ValveLag(Effect):
     states = (State("spool_drive", "1", 0.0, 0.5, 0.01), State("spool", "1", 0.0, 0.5, 0.01))
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Mean delay of the spool, 2 to 10 ms for valves of this size, the share of the second lag, how far behind it slews.
+        """Mean delay of the spool, 2 to 10 ms for valves of this size, shape of the lag, how far behind it slews, spring.
 
         The share is 0 for a lag of first order, 0.5 for one of second order with equal roots, as a well damped spool is; with
         ``f`` 0.5 beside that the damping is 0.7.
@@ -45,6 +52,7 @@ class ValveLag(Effect):
             Parameter("order_valve", "h_v", "1", 0.0, 0.5, 0.2, 0.1, _SOURCE, prior=0.2),
             Parameter("swing_valve", "f_v", "1", 0.0, 0.8, 0.1, 0.1, _SOURCE, prior=0.2),
             Parameter("slew_valve", "g", "1", 0.02, 50.0, 2.0, 1.0, _FASTEST, positive=True, prior=1.0),
+            Parameter("spring_valve", "w", "1", -1.5, 1.5, 0.0, 0.1, _UNLIKE, prior=0.3),
         )
 
     def valve(self, opening: Expression, scope: Scope) -> Expression:
@@ -54,8 +62,10 @@ class ValveLag(Effect):
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
         """The drive follows the command, the spool the drive."""
         (drive, T1), spool = self._followed(scope.opening, scope)[1]
-        behind = (drive - scope.state.spool_drive) / scope.p.slew_valve
-        return {"spool_drive": (drive, T1 * ca.sqrt(1.0 + behind * behind)), "spool": spool}
+        way = drive - scope.state.spool_drive
+        behind = way / scope.p.slew_valve
+        with_spring = ca.exp(-scope.p.spring_valve * ca.tanh(way / _NEAR))
+        return {"spool_drive": (drive, T1 * with_spring * ca.sqrt(1.0 + behind * behind)), "spool": spool}
 
     @staticmethod
     def _followed(opening: Expression, scope: Scope) -> tuple[Expression, tuple[Stage, Stage]]:
