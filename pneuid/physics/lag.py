@@ -57,6 +57,15 @@ def two_lags(
     return between - second * (between - followed[1]), ((driven, T1), (between, T2))
 
 
+def further_lag(value: Expression, followed: Expression, delay: Expression, shortest: float) -> tuple[Expression, Stage]:
+    """``value`` behind one lag of mean delay ``delay`` (s) that has ``followed`` so far: what comes out, and what it follows.
+
+    After `two_lags` with a swing it makes a filter of third order: of Butterworth's kind with a half of the whole delay.
+    """
+    weight, T = vanishing_lag(delay, shortest)
+    return value - weight * (value - followed), (value, T)
+
+
 def behind_two_lags(
     value: Expression, value_rate: Expression, rates: tuple[Expression, Expression], delay: Expression, share: Expression,
     shortest: float, swing: Expression = 0.0,
