@@ -67,6 +67,23 @@ def test_a_pressure_difference_opens_a_valve_without_a_command_and_what_changes_
     assert (abs(float(at(plant, {"u": 0.0}, values).opening)) > 1e-3) is opens
 
 
+@pytest.mark.parametrize("chamber", ["1", "2"])
+@pytest.mark.parametrize("kind", ["spline:flow_{0}(psup-p{0})", "formula:flow_{0}(power(psup-p{0},1e5,0.5))"])
+def test_a_leak_from_the_supply_follows_the_difference_of_both_pressures_alone(kind, chamber):
+    effect, pressure = effects_by_name([kind.format(chamber)])[0], f"p{chamber}"
+    assert effect.term.depends_on == ("psup", pressure)
+    with_it, without = Plant(rig(), "lugre", [effect]), Plant(rig(), "lugre")
+    values = {name: 1e-5 * (1 + k) for k, name in enumerate(effect.amplitudes)}
+
+    def flow(supply: float, p: float) -> float:
+        points = (at(plant, {"u": 0.0, "psup": supply, pressure: p}, own) for plant, own in ((with_it, values), (without, {})))
+        found, still = (float(getattr(point, f"mdot{chamber}")) for point in points)
+        return found - still
+
+    assert flow(6e5, 4e5) == pytest.approx(flow(5e5, 3e5), rel=1e-9)
+    assert abs(flow(6e5, 4e5) - flow(6e5, 3e5)) > 1e-6
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [

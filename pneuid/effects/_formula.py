@@ -23,6 +23,7 @@ import numpy as np
 
 from pneuid.effect import Parameter, Scope
 from pneuid.effects._spline import (
+    DIFFERENCES,
     REFERENCE_SPEED,
     SIGNALS_OF,
     Term,
@@ -39,7 +40,7 @@ from pneuid.rig import Rig
 PREFIX = "formula:"
 
 UNITS = {"x": ("m", 1.0), "v": ("m/s", REFERENCE_SPEED), "p1": ("Pa", 1e5), "p2": ("Pa", 1e5), "dp": ("Pa", 1e5),
-         "psup": ("Pa", 1e5), "u": ("1", 1.0)}  # fmt: skip
+         "psup": ("Pa", 1e5), "psup-p1": ("Pa", 1e5), "psup-p2": ("Pa", 1e5), "u": ("1", 1.0)}  # fmt: skip
 """Unit of a signal, and the distance by which ``above``, ``power`` and ``parabola`` count (x: of 0.1 m)."""
 
 HINGE = 0.05
@@ -115,8 +116,9 @@ def distance_of(signal: str) -> float:
 
 def signal_value(signal: str, scope: Scope) -> Any:
     """The signal as formulas see it: SI, absolute, ``u`` as relative opening."""
-    if signal == "dp":
-        return scope.p1 - scope.p2
+    if signal in DIFFERENCES:
+        first, second = DIFFERENCES[signal]
+        return getattr(scope, first) - getattr(scope, second)
     return getattr(scope, "opening" if signal == "u" else signal)
 
 
@@ -177,7 +179,7 @@ class Formula(UnknownTerm):
 
 
 _NAME = re.compile(
-    r"formula:(?P<equation>\w+)\((?P<shape>\w+)\((?P<on>[a-z0-9]+(?:\*[a-z0-9()]+)?)(?P<numbers>(?:,[-+.eE\d]+)*)\)\)"
+    r"formula:(?P<equation>\w+)\((?P<shape>\w+)\((?P<on>[a-z0-9-]+(?:\*[a-z0-9()]+)?)(?P<numbers>(?:,[-+.eE\d]+)*)\)\)"
 )
 
 

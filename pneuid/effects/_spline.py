@@ -7,6 +7,7 @@ parameters. Forms of the name:
 - ``spline:force(x*sign(v))``, ``spline:force(x*v)``: f(x) times the direction or times the speed over 0.1 m/s;
 - ``spline:flow_1(psup*u)``: f(psup) times the signed relative opening of the valve;
 - ``spline:flow_1(x*dp)``: f(x) times the difference of the chambers' pressures over 1 bar, such as a leak at a place;
+- ``spline:flow_1(psup-p1)``: f of the difference between supply and chamber, such as a leak from the supply;
 - ``spline:force(x*p1)``: f(x) times the gauge pressure over 1 bar, such as a hose that the pressure stiffens;
 - ``spline:valve(u)``, ``spline:valve(dp)``: added to the relative opening; of other signals, a change of the valve's gain;
 - ``spline:force(x,40)``: 40 splines over the range of the data in place of 10.
@@ -58,8 +59,8 @@ LEAST_FRICTION = 0.05
 
 SIGNALS_OF: dict[str, tuple[str, ...]] = {
     "valve": ("u", "x", "p1", "p2", "dp", "psup"),
-    "flow_1": ("p1", "p2", "dp", "x", "v", "u", "psup"),
-    "flow_2": ("p2", "p1", "dp", "x", "v", "u", "psup"),
+    "flow_1": ("p1", "p2", "dp", "x", "v", "u", "psup", "psup-p1"),
+    "flow_2": ("p2", "p1", "dp", "x", "v", "u", "psup", "psup-p2"),
     "pressure_1": ("p1", "p2", "dp", "x", "v", "u", "psup"),
     "pressure_2": ("p2", "p1", "dp", "x", "v", "u", "psup"),
     "friction": ("v", "x", "p1", "p2", "dp"),
@@ -71,11 +72,14 @@ SIGNALS_OF: dict[str, tuple[str, ...]] = {
 }
 """Signals that are known where each equation is evaluated; ``dp`` is ``p1 - p2``."""
 
+DIFFERENCES = {"dp": ("p1", "p2"), "psup-p1": ("psup", "p1"), "psup-p2": ("psup", "p2")}
+"""Signals that are the difference of two recorded ones."""
+
 FACTORS = {"sign(v)": "v", "v": "v", "u": "u", "dp": "dp", "p1": "p1", "p2": "p2"}
 """What f may be multiplied by, and the signal in it."""
 
 _NAME = re.compile(
-    r"spline:(?P<equation>[a-z]+(?:_[A-Za-z0-9]+)?)\((?P<signal>[a-z0-9]+)(?:\*(?P<factor>sign\(v\)|v|u|dp|p1|p2))?(?:,(?P<knots>\d+))?\)"
+    r"spline:(?P<equation>[a-z]+(?:_[A-Za-z0-9]+)?)\((?P<signal>[a-z0-9-]+)(?:\*(?P<factor>sign\(v\)|v|u|dp|p1|p2))?(?:,(?P<knots>\d+))?\)"
 )
 _SOURCE = "de Boor, A Practical Guide to Splines (Springer 1978), chapter IX"
 _BENCH_ONLY, _SERVO_SIGNALS = ("sensor_F",), ("u", "psup")
@@ -101,9 +105,8 @@ class Term:
     @property
     def depends_on(self) -> tuple[str, ...]:
         """The signals that it depends on, by the contract's names."""
-        both = {"dp": ("p1", "p2")}
-        first, factor = both.get(self.signal, (self.signal,)), FACTORS.get(self.factor, "")
-        return (*first, *(both.get(factor, (factor,)) if factor else ()))
+        first, factor = DIFFERENCES.get(self.signal, (self.signal,)), FACTORS.get(self.factor, "")
+        return (*first, *(DIFFERENCES.get(factor, (factor,)) if factor else ()))
 
     @property
     def anchored(self) -> bool:
@@ -167,6 +170,11 @@ def coordinate(signal: str, scope: Scope) -> Any:
         return _clipped((scope.psup - rig.patm) / SUPPLY_RANGE)
     if signal == "dp":
         value, low, high = scope.p1 - scope.p2, rig.p1_low - rig.p2_high, rig.p1_high - rig.p2_low
+    elif signal in DIFFERENCES:
+        # the highest pressure in either chamber is about the supply's
+        chamber = DIFFERENCES[signal][1]
+        top = 0.5 * (rig.p1_high + rig.p2_high + abs(rig.p1_high - rig.p2_high))
+        value, low, high = scope.psup - getattr(scope, chamber), 0.0, top - getattr(rig, f"{chamber}_low")
     else:
         value, low, high = getattr(scope, signal), getattr(rig, f"{signal}_low"), getattr(rig, f"{signal}_high")
     return _clipped((value - low) / (high - low))
@@ -301,7 +309,7 @@ def entering(kind: type[Kind], term: Term, name: str) -> Kind:
     rigs: tuple[str, ...] = ("servo", "bench")
     if term.equation in _BENCH_ONLY:
         rigs = ("bench",)
-    elif term.equation in _SERVO_EQUATIONS or {term.signal, term.factor} & set(_SERVO_SIGNALS):
+    elif term.equation in _SERVO_EQUATIONS or set(term.depends_on) & set(_SERVO_SIGNALS):
         rigs = ("servo",)
     signal = f"{term.signal} times {term.factor}" if term.factor else term.signal
     declared = {
@@ -353,8 +361,9 @@ def curve(term: Term, amplitudes: Sequence[float], ranges: Mapping[str, float], 
 def curve_columns(term: Term, ranges: Mapping[str, float], signal: Any) -> list[Any]:
     """What each amplitude is multiplied by in ``curve``."""
     scope = Scope(rig=SimpleNamespace(**ranges), smoothing=FINE, p=SimpleNamespace(), state=SimpleNamespace())
-    if term.signal == "dp":
-        scope.p1, scope.p2 = signal, 0.0
+    if term.signal in DIFFERENCES:
+        for name, value in zip(DIFFERENCES[term.signal], (signal, 0.0), strict=True):
+            setattr(scope, name, value)
     else:
         setattr(scope, "opening" if term.signal == "u" else term.signal, signal)
     splines = basis(coordinate(term.signal, scope), term.knots)

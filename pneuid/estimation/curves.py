@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pneuid.effects._spline import Spline, Term, curve_columns
+from pneuid.effects._spline import DIFFERENCES, Spline, Term, curve_columns
 from pneuid.estimation.assembly import relaxed_system
 from pneuid.estimation.factor import factorised
 from pneuid.estimation.fit import Fit
@@ -87,10 +87,10 @@ def signal_of(run: Run, signal: str, fit: Fit) -> np.ndarray:
         return np.asarray((run.input("u") - rig.null) / rig.full_scale)
     if signal == "psup":
         return np.asarray(run.input("psup"))
-    still = np.full(run.n, rig.patm)
-    if signal == "dp":
-        return np.asarray(signals.get("p1", still) - signals.get("p2", still))
-    return np.asarray(signals.get(signal, still))
+    if signal in DIFFERENCES:
+        first, second = (signal_of(run, one, fit) for one in DIFFERENCES[signal])
+        return first - second
+    return np.asarray(signals.get(signal, np.full(run.n, rig.patm)))
 
 
 def visited(runs: Sequence[Run], term: Term, fit: Fit) -> tuple[float, float]:

@@ -11,7 +11,10 @@ from pneuid.report.quantities import handy
 from pneuid.report.signal_units import axis_label, shown
 from pneuid.report.style import new_figure, styled
 
-_RELATIVE = {"dp": ("p1 - p2 (kPa)", 1e-3), "t": ("time (s)", 1.0)}
+_RELATIVE = {
+    "dp": ("p1 - p2 (kPa)", 1e-3), "psup-p1": ("psup - p1 (kPa)", 1e-3), "psup-p2": ("psup - p2 (kPa)", 1e-3),
+    "t": ("time (s)", 1.0),
+}  # fmt: skip
 """Signals that are not recorded ones: label and factor from SI."""
 
 

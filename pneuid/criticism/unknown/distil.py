@@ -138,7 +138,7 @@ def _text(term: Term, kind: str, numbers: np.ndarray, amplitudes: np.ndarray) ->
     named = zip(SHAPES[kind].numbers, numbers, strict=True)
     shown = [f"{value * (1.0 if name == 'n' else factor):.3g}" for name, value in named]
     length, per = f" {unit}" if unit else "", f"{distance_of(term.signal) * factor:g} {unit}".strip()
-    s = term.signal
+    s = f"({term.signal})" if "-" in term.signal else term.signal
     words = {
         "power": "(({s} - {0}{u})/{per})^{1}", "parabola": "(({s} - {0}{u})/{per})^2",
         "above": "max(0, {s} - {0}{u})/{per}", "saturation": "tanh(({s} - {0}{u})/{1}{u})",
