@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any
 
 from pneuid.physics.friction import LAWS, Coefficients, FrictionLaw
 from pneuid.physics.smoothing import Expression, Smoothing
@@ -99,6 +100,8 @@ class Scope:
     """Mass flow through the valve towards chamber 1, kg/s."""
     valve_flow_2: Expression = None
     """Mass flow through the valve towards chamber 2, kg/s."""
+    valve_flows: Any = None
+    """Both, at other pressures (Pa, absolute) at the valve's ports than the chambers': a function of these two."""
     mdot1: Expression = None
     """Mass flow into chamber 1, kg/s."""
     mdot2: Expression = None

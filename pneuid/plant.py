@@ -260,10 +260,16 @@ class Plant:
             return valve.mass_flow(p_from, p_to, th["C"], b, th["T"], smoothing.laminar, m)
 
         supply_1, supply_2 = edges.supply_1 * flow(psup, p1), edges.supply_2 * flow(psup, p2)
-        mdot1 = supply_1 - edges.exhaust_1 * flow(p1, th["patm"])
-        mdot2 = supply_2 - edges.exhaust_2 * flow(p2, th["patm"])
+
+        def valve_flows(port_1: Expression, port_2: Expression) -> tuple[Expression, Expression]:
+            return (
+                edges.supply_1 * flow(psup, port_1) - edges.exhaust_1 * flow(port_1, th["patm"]),
+                edges.supply_2 * flow(psup, port_2) - edges.exhaust_2 * flow(port_2, th["patm"]),
+            )
+
+        mdot1, mdot2 = valve_flows(p1, p2)
         for scope in scopes:
-            scope.psup, scope.valve_flow_1, scope.valve_flow_2 = psup, mdot1, mdot2
+            scope.psup, scope.valve_flow_1, scope.valve_flow_2, scope.valve_flows = psup, mdot1, mdot2, valve_flows
             scope.supply_flow, scope.full_flow = supply_1 + supply_2, th["C"] * RHO_REFERENCE * known["psup"]
         V1, V2 = th["V01"] + th["A1"] * x, th["V02"] + th["A2"] * (th["stroke"] - x)
         for effect, scope in zip(self.effects, scopes, strict=True):

@@ -30,11 +30,12 @@ def at(plant: Plant, point: Mapping[str, float] | None = None, values: Mapping[s
 
 
 def followed(
-    plant: Plant, command: Callable[[float], float], values: Mapping[str, float], seconds: float, h: float
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    plant: Plant, command: Callable[[float], float], values: Mapping[str, float], seconds: float, h: float,
+    point: Mapping[str, float] | None = None,
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:  # fmt: skip
     """Times (N,), and ``opening``, ``mdot1``, ``mdot2`` and the effects' states (N,) over a command in V.
 
-    States by Euler's exponential rule; piston and pressures stay at the standard point.
+    States by Euler's exponential rule; piston and pressures stay at the standard point, or at what ``point`` says of it.
     """
     s, w, theta = (
         ca.SX.sym(n, len(of)) for n, of in (("s", plant.states), ("w", plant.inputs), ("th", plant.theta_names))
@@ -47,7 +48,7 @@ def followed(
     shown = ca.vertcat(stages.opening, stages.mdot1, stages.mdot2, own)
     step = ca.Function("step", [s, w, theta], [moved, shown])
     t = np.arange(0.0, seconds, h)
-    known = SERVO_POINT | {state.name: state.initial for state in plant.effect_states}
+    known = SERVO_POINT | {state.name: state.initial for state in plant.effect_states} | dict(point or {})
     inputs = np.array([[command(float(now)) for now in t], np.full(t.size, known["psup"])])
     start = np.array([known[name] for name in plant.states])
     _, found = step.mapaccum(t.size)(start, inputs, plant.theta(values_of(plant, values), RANGES))

@@ -226,10 +226,13 @@ def test_a_slower_sample_time_means_a_lower_bandwidth():
     assert default_bandwidth(BASE, SUPPLY, 4e-3) < default_bandwidth(BASE, SUPPLY, 1e-3)
 
 
-@pytest.mark.parametrize(("effect", "delay"), [("valve_lag", "tau_valve"), ("line_delay", "tau_line")])
+@pytest.mark.parametrize(
+    ("effect", "delay"),
+    [("valve_lag", {"tau_valve": 4e-3}), ("line_delay", {"tau_line": 2e-3, "damping_line": 1.0, "surge_line": 0.0})],
+)
 def test_a_lag_delays_the_authority_and_leaves_its_size(effect, delay):
     """Taken at the instant of the command, a valve that follows late would seem to have no gain at all."""
-    prompt, late = authority(BASE, SUPPLY), authority(model_with([effect], **{delay: 4e-3}), SUPPLY)
+    prompt, late = authority(BASE, SUPPLY), authority(model_with([effect], **delay), SUPPLY)
     assert late.gain == pytest.approx(prompt.gain, rel=0.02)
     assert late.fastest == pytest.approx(prompt.fastest, rel=0.02)
     assert prompt.delay == 0.0

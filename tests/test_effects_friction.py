@@ -266,7 +266,7 @@ def test_a_film_carries_over_a_reversal():
 def test_a_film_is_drawn_in_faster_than_it_is_squeezed_out(v, times):
     tau = 0.03
     pulled, decay = at(
-        plant_with("friction_lag"), {"v": v, "v_lagged": 0.1}, {"tau_L": tau, "shrink_L": 7.0} | FIRST_ORDER
+        plant_with("friction_lag"), {"v": v, "v_drawn": 0.1, "v_lagged": 0.1}, {"tau_L": tau, "shrink_L": 7.0} | FIRST_ORDER
     ).relaxing[-2]
     assert 1.0 / float(decay) == pytest.approx(times * tau, rel=5e-3)
     assert float(pulled) / float(decay) == pytest.approx(abs(v), abs=2e-4)

@@ -10,11 +10,13 @@ from helpers import TRUTH, rig
 from hypothesis import given
 from hypothesis import strategies as st
 from operating import SERVO_POINT, at, followed, plant_with
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from scipy.signal import lti
 
 from pneuid.physics.chamber import pressure_rate, temperature_pressure_rate, temperature_relaxation, wall_area
 from pneuid.physics.gas import CV_AIR, GAMMA_AIR, R_AIR, RHO_REFERENCE, T_REFERENCE
-from pneuid.physics.lag import vanishing_lag
+from pneuid.physics.lag import stiffly, vanishing_lag
 
 T = 293.15
 
@@ -122,26 +124,60 @@ def test_a_vanishing_lag_is_late_by_its_delay(delay, shortest):
         assert weight > 0.99 and time_constant == pytest.approx(delay, rel=0.01)
 
 
-def test_the_line_holds_back_the_delay_times_the_flow_and_loses_nothing():
-    plant, tau, h = plant_with("line_delay"), 5e-3, 5e-5
-    first_order = {"tau_line": tau, "order_line": 0.0, "swing_line": 0.0}
-    t, arriving = followed(plant, lambda _: 6.0, first_order, 0.06, h)
-    valve = at(plant_with(), {"u": 6.0})
+@pytest.mark.parametrize("damping", [0.2, 0.7, 2.0])
+def test_a_line_answers_as_textbooks_have_the_second_order_and_loses_nothing(damping):
+    plant, T, h = plant_with("line_delay"), 20e-3, 5e-5
+    alone = {"tau_line": T, "damping_line": damping, "surge_line": 0.0}
+    t, arriving = followed(plant, lambda _: 6.0, alone, 0.5, h)
+    valve, expected = at(plant_with(), {"u": 6.0}), lti(1.0, [T * T, 2.0 * damping * T, 1.0]).step(T=t)[1]
     for name, flow in (("mdot1", float(valve.mdot1)), ("mdot2", float(valve.mdot2))):
-        assert arriving[name][-1] == pytest.approx(flow, rel=1e-4)
-        assert h * np.sum(flow - arriving[name]) == pytest.approx(tau * flow, rel=0.01)
-    # a lag of the first order: 63 % after the delay
-    assert arriving["mdot1"][np.searchsorted(t, tau)] / float(valve.mdot1) == pytest.approx(1 - np.exp(-1), abs=0.02)
+        # what the shortest time adds is of the size (1 ms / 20 ms)^2
+        np.testing.assert_allclose(arriving[name] / flow, expected, atol=0.01)
+    assert h * np.sum(1.0 - arriving["mdot1"] / float(valve.mdot1)) == pytest.approx(2.0 * damping * T, rel=0.02)
 
 
-def test_a_line_of_second_order_that_swings_is_near_to_a_wave_that_comes_late_and_unchanged():
-    plant, tau, h = plant_with("line_delay"), 20e-3, 1e-4
-    t, arriving = followed(plant, lambda _: 6.0, {"tau_line": tau, "order_line": 0.5, "swing_line": 0.5}, 0.2, h)
+def test_a_line_of_little_damping_is_near_to_a_wave_that_comes_late_and_unchanged():
+    plant, T, h = plant_with("line_delay"), 20e-3, 1e-4
+    alone = {"tau_line": T, "damping_line": np.sqrt(0.5), "surge_line": 0.0}
+    t, arriving = followed(plant, lambda _: 6.0, alone, 0.3, h)
     for name in ("mdot1", "mdot2"):
         share = np.diff(arriving[name], prepend=0.0) / arriving[name][-1]
-        assert float(share @ t) == pytest.approx(tau, rel=0.02)
-        # the second moment of the impulse response about its mean: none in a pure delay, tau^2 in a lag of first order
-        assert abs(float(share @ (t - tau) ** 2)) < 0.03 * tau**2
+        late = float(share @ t)
+        assert late == pytest.approx(np.sqrt(2.0) * T, rel=0.02)
+        # the second moment of the impulse response about its mean: none in a pure delay
+        assert abs(float(share @ (t - late) ** 2)) < 0.03 * T**2
+
+
+@pytest.mark.parametrize(("p1", "u"), [(1.2e5, 10.0), (5.0e5, 3.0), (5.0e5, -10.0)])
+@pytest.mark.parametrize("longer", [1.0, 2.0])
+def test_a_line_is_a_volume_and_the_inertia_of_its_air(p1, u, longer):
+    """Against a section of tube without resistance: the pressure at the port and the flow out of it, integrated apart."""
+    length, area, c, patm, supply = 4.0, 2e-5, 340.0, rig().patm, SERVO_POINT["psup"]
+    full, opening = rig().conductance * RHO_REFERENCE * supply, abs(u) / rig().full_scale
+
+    def valve(port):
+        up, down = (supply, port) if u > 0 else (port, patm)
+        beyond = max(down / up - rig().critical_ratio, 0.0) / (1.0 - rig().critical_ratio)
+        return np.sign(u) * opening * full * up / supply * np.sqrt(max(1.0 - beyond**2, 0.0))
+
+    def tube(_, y):
+        port, q = y
+        return [c**2 / (area * length) * (valve(port) - q), area / length * (port - p1)]
+
+    ratio = np.sqrt(longer)  # of this tube to the mean of both
+    surge, point = c * full / (area * supply), {"p1": p1, "psup": supply}
+    shape = {"tau_line": length / c / ratio, "damping_line": 0.0, "lengths_line": longer, "surge_line": surge}
+    shape["C"] = rig().conductance
+    t, arriving = followed(plant_with("line_delay"), lambda _: u, shape, 0.08, 2e-5, point)
+    expected = solve_ivp(tube, (0.0, t[-1]), [p1, 0.0], t_eval=t, rtol=1e-8, max_step=1e-4).y[1]
+    # 1 ms, the shortest time, against the 12 ms of the tube
+    np.testing.assert_allclose(arriving["mdot1"], expected, atol=0.03 * np.abs(expected).max())
+
+
+def test_a_stage_that_is_followed_stiffly_moves_as_fast_at_first():
+    target, T = stiffly((3.0, 0.2), 1.0, 7.0)
+    assert (target - 1.0) / T == pytest.approx((3.0 - 1.0) / 0.2) and pytest.approx(0.2 / 8.0) == T
+    assert stiffly((3.0, 0.2), 1.0, -5.0) == (3.0, 0.2)
 
 
 @pytest.mark.parametrize("b", [0.15, 0.3, 0.55])

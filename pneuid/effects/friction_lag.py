@@ -68,7 +68,7 @@ class FrictionLag(Effect):
     @staticmethod
     def _followed(size: Expression, scope: Scope) -> tuple[Expression, tuple[Stage, Stage]]:
         p, own = scope.p, scope.state
-        behind = size - own.v_lagged
+        behind = size - own.v_drawn
         shrinks = 0.5 * (1.0 - behind / ca.sqrt(behind * behind + _TURN**2))
         delay = p.tau_L * (1.0 + (p.shrink_L - 1.0) * shrinks)
         return two_lags(size, (own.v_drawn, own.v_lagged), delay, p.order_L, _SHORTEST, p.swing_L)

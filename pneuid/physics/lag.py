@@ -57,6 +57,29 @@ def two_lags(
     return between - second * (between - followed[1]), ((driven, T1), (between, T2))
 
 
+def swinging(
+    value: Expression, followed: tuple[Expression, Expression], time: Expression, damping: Expression, shortest: float
+) -> tuple[Expression, tuple[Stage, Stage]]:
+    """``value`` behind a response of second order, ``1 / (1 + 2 D T s + T^2 s^2)`` with ``time`` T (s) and ``damping`` D.
+
+    followed : the response plus T times its rate, and the response, so far. Returned: what comes out, and what each follows.
+    Exactly ``value`` at ``time = 0``, regular there; the response itself once T is long against ``shortest`` (s).
+    """
+    weight, T = vanishing_lag(time, shortest)
+    driven = value + weight * 2.0 * (1.0 - damping) * (followed[0] - followed[1])
+    # by the value and not by what drives it: a lag that does not turn on its own state is carried exactly by the controllers
+    between = value - weight * (value - followed[0])
+    return between - weight * (between - followed[1]), ((driven, T), (between, T))
+
+
+def stiffly(stage: Stage, followed: Expression, slope: Expression) -> Stage:
+    """The same stage for an integrator that holds what is followed for a step: what is followed falls by ``slope`` (1 or more
+    makes it stiff) per unit that has been ``followed``, and is taken to go on doing so within the step."""
+    target, T = stage
+    slope = ca.fmax(slope, 0.0)
+    return (target + slope * followed) / (1.0 + slope), T / (1.0 + slope)
+
+
 def further_lag(value: Expression, followed: Expression, delay: Expression, shortest: float) -> tuple[Expression, Stage]:
     """``value`` behind one lag of mean delay ``delay`` (s) that has ``followed`` so far: what comes out, and what it follows.
 
