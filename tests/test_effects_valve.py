@@ -58,11 +58,12 @@ def test_any_four_edges_have_a_side_a_supply_and_a_port_that_set_them_apart(edge
         assert _shares(values, sign * u) == pytest.approx([edge / mean for edge in open_edges], abs=1e-4)
 
 
-@given(st.floats(-0.4, 0.4), st.floats(0.5, 9.9))
-def test_the_edges_of_one_side_grow_by_another_power_than_those_of_the_other(c, u):
-    """Both as far open at full command as without it; by the powers 1 + c above null and 1 - c below."""
-    for sign in (1.0, -1.0):
-        assert _shares({"asymmetry_curve": c}, sign * u) == pytest.approx([(0.1 * u) ** (sign * c)] * 2, rel=0.01)
+@given(st.floats(-0.4, 0.4), st.floats(-1.0, 1.0), st.floats(0.5, 9.9))
+def test_the_edges_of_either_side_bend_by_a_share_of_their_own(c, m, u):
+    """All as far open at full command as without it."""
+    shut = 1.0 - 0.1 * u
+    for sign, bend in ((1.0, 1.0 - c * (1.0 + m) * shut), (-1.0, 1.0 + c * (1.0 - m) * shut)):
+        assert _shares({"asymmetry_curve": c, "asymmetry_bent": m}, sign * u) == pytest.approx([bend] * 2, rel=0.01)
 
 
 # --- dead zone ---

@@ -14,7 +14,7 @@ from pneuid.rig import Rig
 _SOURCE = "ISO 6358-1:2013, clause 5 (each flow path has its own conductance); Beater, Pneumatic Drives 2007, chapter 5"
 
 _ROUND = 0.01
-"""Opening below which a power of it is rounded."""
+"""Opening below which its size is rounded."""
 
 _LEAST = 0.02
 """Smallest share of an edge's conductance."""
@@ -22,11 +22,13 @@ _LEAST = 0.02
 
 class ValveAsymmetry(Effect):
     """Edges of ``C (1 + a (1 + e + t))`` (P-1), ``C (1 + a (1 - e - t))`` (2-R), ``C (1 - a (1 - e + t))`` (P-2) and
-    ``C (1 - a (1 + e - t))`` (1-R) at full opening; those used above null open by ``s^(1 + c)``, those below by ``s^(1 - c)``.
+    ``C (1 - a (1 + e - t))`` (1-R) at full opening.
 
-    ``a`` is half the relative difference between the edges used above null and those used below; of that size ``e`` sets the
-    supply edges apart from the exhaust edges, and ``t`` those of port 1 from those of port 2. ``c`` is half the difference
-    between the powers of the opening with which the notches of the two sides grow. Typical: a 2 to 10 %, c up to 0.2.
+    Those used above null open by ``s (1 - c (1 + m) (1 - s))``, those below by ``s (1 + c (1 - m) (1 - s))``. ``a`` is half the
+    relative difference between the edges used above null and those used below; of that size ``e`` sets the supply edges apart
+    from the exhaust edges, and ``t`` those of port 1 from those of port 2. ``c`` is half the difference between the bends with
+    which the notches of the two sides grow, ``m`` how much more of it one side has: with 1 the edges used above null bend
+    alone, with -1 those below. Typical: a 2 to 10 %, c up to 0.2.
     """
 
     name = "valve_asymmetry"
@@ -38,10 +40,11 @@ class ValveAsymmetry(Effect):
     rigs = ("servo",)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Half the differences of the two sides, in conductance and in power, and how unlike the two edges of a side are."""
+        """Half the differences of the two sides, in conductance and in bend, and how unlike sides and the edges of one are."""
         return (
             Parameter("asymmetry", "a_v", "1", -0.8, 0.8, 0.0, 0.05, _SOURCE, off=0.0),
             Parameter("asymmetry_curve", "c_v", "1", -0.5, 0.5, 0.0, 0.05, _SOURCE, off=0.0),
+            Parameter("asymmetry_bent", "m_v", "1", -1.0, 1.0, 0.0, 0.3, _SOURCE, prior=0.5),
             Parameter("asymmetry_supply", "e_v", "1", -2.0, 2.0, 0.0, 1.0, _SOURCE, prior=0.5),
             Parameter("asymmetry_port", "t_v", "1", -2.0, 2.0, 0.0, 1.0, _SOURCE, prior=0.5),
         )
@@ -49,14 +52,15 @@ class ValveAsymmetry(Effect):
     def edges(self, edges: Edges, scope: Scope) -> Edges:
         """Widen the paths of one direction by what those of the other lose, and bend them the other way."""
         a, e, t = scope.p.asymmetry, scope.p.asymmetry_supply, scope.p.asymmetry_port
-        opened = ca.fmin(scope.opening**2, 1.0)
-        bend = ((opened + _ROUND**2) / (1.0 + _ROUND**2)) ** (0.5 * scope.p.asymmetry_curve)
+        c, m = scope.p.asymmetry_curve, scope.p.asymmetry_bent
+        shut = 1.0 - ca.sqrt((ca.fmin(scope.opening**2, 1.0) + _ROUND**2) / (1.0 + _ROUND**2))
+        above, below = 1.0 - c * (1.0 + m) * shut, 1.0 + c * (1.0 - m) * shut
         return replace(
             edges,
-            supply_1=_of(1.0 + a * (1.0 + e + t)) * edges.supply_1 * bend,
-            exhaust_2=_of(1.0 + a * (1.0 - e - t)) * edges.exhaust_2 * bend,
-            supply_2=_of(1.0 - a * (1.0 - e + t)) * edges.supply_2 / bend,
-            exhaust_1=_of(1.0 - a * (1.0 + e - t)) * edges.exhaust_1 / bend,
+            supply_1=_of(1.0 + a * (1.0 + e + t)) * edges.supply_1 * above,
+            exhaust_2=_of(1.0 + a * (1.0 - e - t)) * edges.exhaust_2 * above,
+            supply_2=_of(1.0 - a * (1.0 - e + t)) * edges.supply_2 * below,
+            exhaust_1=_of(1.0 - a * (1.0 + e - t)) * edges.exhaust_1 * below,
         )
 
 
