@@ -36,10 +36,12 @@ friction of 50 N was held at 10."""
 class FrictionDwell(Effect):
     """``Fs + dFs (1 - exp(-(a/tau)^m))`` with the age ``a`` of the contacts in s: ``da/dt = 1/(1 + (v/v_c)^2) - |v| a/D``.
 
-    At rest the age is the time at rest, sliding over a few ``D`` wipes it out. Above ``v_c`` nothing ages; a ``v_c`` far above
-    the Stribeck velocity is the ageing law of rate-and-state friction, ``da/dt = 1 - |v| a/D``, by which contacts that slide
-    are as old as ``D/|v|`` and friction rises as the piston slows down.
-    Typical: dFs 10 to 100 % of Fs, tau 0.1 s to hours, m 0.3 to 0.7, D 10 to 500 um for elastomer seals, v_c above 0.1 mm/s.
+    At rest the age is the time at rest, sliding over a few ``D`` wipes it out, but in no less than a few ``T_w``: the last term
+    is ``|v| a / (D + |v| T_w)``. Above ``v_c`` nothing ages; a ``v_c`` far above the Stribeck velocity is the ageing law of
+    rate-and-state friction, ``da/dt = 1 - |v| a/D``, by which contacts that slide are as old as ``D/|v|`` and friction rises as
+    the piston slows down.
+    Typical: dFs 10 to 100 % of Fs, tau 0.1 s to hours, m 0.3 to 0.7, D 10 to 500 um for elastomer seals, v_c above 0.1 mm/s,
+    T_w some ms.
     """
 
     name = "friction_dwell"
@@ -54,16 +56,17 @@ class FrictionDwell(Effect):
     states = (State("age", "s", 0.2, 1.0, 0.1),)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Rise of the static friction after a long rest, its time constant and power, the slip that wipes it out, and the speed
-        from which contacts do not age."""
+        """Rise of the static friction after a long rest, its time constant and power, the slip that wipes it out, the speed
+        from which contacts do not age, and the shortest time in which it is wiped out."""
         force = max(2.0, 0.01 * rig.A1 * 1e6)
-        largest = (5.0 if rig.A1 > 0.0 else _UNKNOWN_SIZE) * force
+        largest = (20.0 if rig.A1 > 0.0 else _UNKNOWN_SIZE) * force
         return (
             Parameter("Fs_dwell", "ΔF_s", "N", 0.0, largest, 0.0, force, _SOURCE, off=0.0),
             Parameter("tau_dwell", "τ_d", "s", 1e-2, 1e4, 0.5, 1.0, _SOURCE, positive=True, prior=1.5),
             Parameter("m_dwell", "m", "1", 0.2, 1.5, 0.6, 0.3, _SOURCE, positive=True, prior=0.4),
             Parameter("slip_dwell", "D", "m", 5e-6, 5e-3, 1e-4, 1.0, _SLIP, positive=True, prior=1.0),
             Parameter("creep_dwell", "v_c", "m/s", 2e-5, 1.0, _CREEP[rig.kind], 1.0, _SLIP, positive=True, prior=2.5),
+            Parameter("wipe_dwell", "T_w", "s", 0.0, 0.2, 1e-3, 5e-3, _SLIP, prior=1e-2),
         )
 
     def coefficients(self, k: Coefficients, scope: Scope) -> Coefficients:
@@ -75,5 +78,5 @@ class FrictionDwell(Effect):
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
         """Ageing at rest, renewal by slip; the slip's speed is exactly zero at rest, however wide its rounding."""
         slip = slip_speed(scope.v, scope.smoothing.speed)
-        lasting = 1.0 / (slip / scope.p.slip_dwell + _FORGETTING)
+        lasting = 1.0 / (slip / (scope.p.slip_dwell + slip * scope.p.wipe_dwell) + _FORGETTING)
         return {"age": (lasting / (1.0 + (scope.v / scope.p.creep_dwell) ** 2), lasting)}
