@@ -174,6 +174,13 @@ def test_a_line_is_a_volume_and_the_inertia_of_its_air(p1, u, longer):
     np.testing.assert_allclose(arriving["mdot1"], expected, atol=0.03 * np.abs(expected).max())
 
 
+def test_a_line_of_much_damping_is_stable_at_a_step_of_its_time():
+    values = {"tau_line": 1e-3, "damping_line": 4.0, "surge_line": 0.0}
+    _, arriving = followed(plant_with("line_delay"), lambda _: 6.0, values, 0.1, 1e-3)
+    flow = float(at(plant_with(), {"u": 6.0}).mdot1)
+    assert np.all(np.diff(arriving["mdot1"]) > -1e-9 * flow) and arriving["mdot1"][-1] == pytest.approx(flow, rel=1e-3)
+
+
 def test_a_stage_that_is_followed_stiffly_moves_as_fast_at_first():
     target, T = stiffly((3.0, 0.2), 1.0, 7.0)
     assert (target - 1.0) / T == pytest.approx((3.0 - 1.0) / 0.2) and pytest.approx(0.2 / 8.0) == T

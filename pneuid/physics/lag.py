@@ -69,7 +69,9 @@ def swinging(
     driven = value + weight * 2.0 * (1.0 - damping) * (followed[0] - followed[1])
     # by the value and not by what drives it: a lag that does not turn on its own state is carried exactly by the controllers
     between = value - weight * (value - followed[0])
-    return between - weight * (between - followed[1]), ((driven, T), (between, T))
+    # what damps more than two equal lags do holds the first back by its own way
+    drive = stiffly((driven, T), followed[0], 2.0 * weight * (damping - 1.0))
+    return between - weight * (between - followed[1]), (drive, (between, T))
 
 
 def stiffly(stage: Stage, followed: Expression, slope: Expression) -> Stage:
