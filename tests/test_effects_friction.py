@@ -256,6 +256,12 @@ def test_of_second_order_it_answers_late_by_a_pure_delay(hertz):
     assert _late_by(hertz, tau, PURE) == pytest.approx(-2 * np.pi * hertz * tau, rel=0.05)
 
 
+def test_further_on_it_answers_as_textbooks_have_the_second_order():
+    tau, damping = 0.015, np.sqrt(0.5)
+    w = 2 * np.pi * 10.0 * tau / (2.0 * damping)  # over the natural frequency, of the same mean delay
+    assert _late_by(10.0, tau, PURE) == pytest.approx(-np.arctan2(2.0 * damping * w, 1.0 - w * w), rel=0.03)
+
+
 def test_a_film_carries_over_a_reversal():
     # fast one way, then at once fast the other way: |v| hardly changes, so neither does what the bristle levels off at
     plant = plant_with("friction_lag", "stribeck")

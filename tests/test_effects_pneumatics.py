@@ -174,6 +174,15 @@ def test_a_line_is_a_volume_and_the_inertia_of_its_air(p1, u, longer):
     np.testing.assert_allclose(arriving["mdot1"], expected, atol=0.03 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("ratio", [0.5, 3.0])
+def test_tubes_of_unlike_length_are_late_in_their_proportion(ratio):
+    h, values = 5e-5, {"tau_line": 10e-3, "damping_line": 1.0, "surge_line": 0.0, "lengths_line": ratio}
+    _, arriving = followed(plant_with("line_delay"), lambda _: 6.0, values, 0.3, h)
+    late = [h * float(np.sum(1.0 - arriving[name] / arriving[name][-1])) for name in ("mdot1", "mdot2")]
+    assert late[0] / late[1] == pytest.approx(ratio, rel=0.02)
+    assert np.sqrt(late[0] * late[1]) == pytest.approx(20e-3, rel=0.02)
+
+
 def test_a_line_of_much_damping_is_stable_at_a_step_of_its_time():
     values = {"tau_line": 1e-3, "damping_line": 4.0, "surge_line": 0.0}
     _, arriving = followed(plant_with("line_delay"), lambda _: 6.0, values, 0.1, 1e-3)
