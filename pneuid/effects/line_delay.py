@@ -29,13 +29,13 @@ _LEAST = 2.0e4
 
 
 class LineDelay(Effect):
-    """The flow that arrives in a chamber answers the valve's by ``1 / (1 + 2 D T s + T^2 s^2)``, ``T`` about ``L/c``.
+    """The flow that arrives in a chamber answers the valve's by ``1 / (1 + 2 D tau s + tau^2 s^2)``, ``tau`` about ``L/c``.
 
     That is one section of a tube: a volume at the valve from which air of some inertia is sped up. With ``D`` near 0.7 it is
-    close to a wave that comes unchanged, ``1.4 T`` late, with a large one a resistance before a volume.
-    While the flow ``q`` changes the pressure at the valve's port is ``T dq/dt`` times Joukowsky's ``c / A_t`` above the
+    close to a wave that comes unchanged, ``1.4 tau`` late, with a large one a resistance before a volume.
+    While the flow ``q`` changes the pressure at the valve's port is ``tau dq/dt`` times Joukowsky's ``c / A_t`` above the
     chamber's, and the valve passes the less: ``k = c q_0 / (A_t p_0)`` by the choked flow ``q_0`` of the fully open valve from
-    the supply ``p_0``. ``l`` is the length of the tube to chamber 1 over that to chamber 2, ``T`` their geometric mean.
+    the supply ``p_0``. ``l`` is the length of the tube to chamber 1 over that to chamber 2, ``tau`` of their geometric mean.
     The tube's own resistance stands in series with the valve, ``r = (C / C_tube)^2``: an edge of opening ``s`` passes ``s q``,
     ``q`` its ISO 6358 flow over its conductance, and the tube the same, ``r s^2 q^2 = p_up^2 - p_down^2``. A filling edge keeps
     all of its flow while the pressure at its port leaves it choked, a venting one then the share ``1 / sqrt(1 + r s^2)``.
