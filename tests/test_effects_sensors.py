@@ -123,18 +123,14 @@ def test_a_force_offset_shifts_the_force():
     assert float(with_it.outputs["F"]) == pytest.approx(float(without.outputs["F"]) + 3.0, rel=1e-12)
 
 
-@pytest.mark.parametrize("third", [0.0, 0.4])
-@pytest.mark.parametrize("share", [0.0, 0.25, 0.5])
-def test_a_lagging_force_follows_a_reversal_and_does_not_smooth_the_pressures(share, third):
-    plant, tau = plant_with("sensor_lag_F", on=rig("bench")), 6e-3
-    values = {"tau_F": tau, "order_F": share, "swing_F": 0.0, "third_F": third}
-    theta = plant.theta(values_of(plant, values), RANGES)
-    w = np.array([0.2, 0.02, 0.0, 4e5, 3e5])
-    step = step_function(plant)
-    start = [_pushing() if name.startswith("push") else 0.0 for name in plant.states]
-    there = march(step, np.array(start), w, np.array([0.02, 0, 0, 0, 0]), H, 400, theta)
+def _reversal(plant, values, steps, after):
+    """Force before a bench turns round at 20 mm/s, and over the steps ``after`` it as shown and as it acts."""
+    theta, step = plant.theta(values_of(plant, values), RANGES), step_function(plant)
+    w, speed = np.array([0.2, 0.02, 0.0, 4e5, 3e5]), np.array([0.02, 0, 0, 0, 0])
+    start = np.array([_pushing() if name.startswith("push") else 0.0 for name in plant.states])
+    there = march(step, start, w, speed, H, steps, theta)
     w[1] = -0.02
-    back = march(step, there[:, -1], w, np.array([-0.02, 0, 0, 0, 0]), H, 200, theta)
+    back = march(step, there[:, -1], w, -speed, H, after, theta)
     shown, true = (
         np.array([
             float(at(plant, dict(zip(plant.states, state, strict=True)) | {"v": -0.02}, given).outputs["F"])
@@ -142,9 +138,17 @@ def test_a_lagging_force_follows_a_reversal_and_does_not_smooth_the_pressures(sh
         ])
         for given in (values, {"tau_F": 0.0})
     )  # fmt: skip
-    # both filters in a row over the whole record: what it was before the reversal, and what it is from then on
-    t = H * np.arange(400 + back.shape[1])
-    before = there[plant.states.index("F_followed"), -1] - _pushing()
+    return there[plant.states.index("F_followed"), -1] - _pushing(), shown, true
+
+
+@pytest.mark.parametrize("third", [0.0, 0.4])
+@pytest.mark.parametrize("share", [0.0, 0.25, 0.5])
+def test_a_lagging_force_follows_a_reversal_and_does_not_smooth_the_pressures(share, third):
+    plant, tau = plant_with("sensor_lag_F", on=rig("bench")), 6e-3
+    values = {"tau_F": tau, "order_F": share, "swing_F": 0.0, "third_F": third}
+    before, shown, true = _reversal(plant, values, 400, 200)
+    # the filters in a row over the whole record: what it was before the reversal, and what it is from then on
+    t = H * np.arange(400 + true.size)
     delays = (tau * (1.0 - third) * (1.0 - share), tau * (1.0 - third) * share, tau * third)
     up, down = np.poly1d([1.0]), np.poly1d([1.0])
     for delay in delays:
@@ -163,24 +167,11 @@ def test_a_lagging_force_is_filtered_as_by_butterworth(order, shape):
     """Its step after a reversal against the filter of the same mean delay."""
     plant, tau = plant_with("sensor_lag_F", on=rig("bench")), 40e-3
     values = {"tau_F": tau} | dict(zip(("order_F", "swing_F", "third_F"), shape, strict=True))
-    theta, step = plant.theta(values_of(plant, values), RANGES), step_function(plant)
-    w, speed = np.array([0.2, 0.02, 0.0, 4e5, 3e5]), np.array([0.02, 0, 0, 0, 0])
-    start = np.array([_pushing() if name.startswith("push") else 0.0 for name in plant.states])
-    there = march(step, start, w, speed, H, 2000, theta)
-    w[1] = -0.02
-    back = march(step, there[:, -1], w, -speed, H, 1500, theta)
-    shown, true = (
-        np.array([
-            float(at(plant, dict(zip(plant.states, state, strict=True)) | {"v": -0.02}, given).outputs["F"])
-            for state in back.T
-        ])
-        for given in (values, {"tau_F": 0.0})
-    )  # fmt: skip
+    before, shown, true = _reversal(plant, values, 2000, 1500)
     numerator, denominator = butter(order, 1.0, analog=True)
     # slowed down to the mean delay, which the coefficient of s is over that of 1
     slower = tau / (denominator[-2] / denominator[-1])
     denominator = denominator * slower ** np.arange(order, -1, -1)
-    before = shown[0]
     _, expected, _ = lsim((numerator, denominator), true - before, H * np.arange(true.size))
     # what the shortest lag adds is of the size (2 ms / 10 ms)^2 of a stage
     np.testing.assert_allclose(shown, before + expected, atol=0.03 * np.ptp(shown))

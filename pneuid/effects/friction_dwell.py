@@ -59,6 +59,7 @@ class FrictionDwell(Effect):
         """Rise of the static friction after a long rest, its time constant and power, the slip that wipes it out, the speed
         from which contacts do not age, and the shortest time in which it is wiped out."""
         force = max(2.0, 0.01 * rig.A1 * 1e6)
+        # a growth by the logarithm of the time reached ten times the typical rise on a bench, and was held at five
         largest = (20.0 if rig.A1 > 0.0 else _UNKNOWN_SIZE) * force
         return (
             Parameter("Fs_dwell", "ΔF_s", "N", 0.0, largest, 0.0, force, _SOURCE, off=0.0),

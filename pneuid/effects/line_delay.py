@@ -19,7 +19,7 @@ _SERIES = "ISO 6358-1:2013, eq. (1) and (2), with ISO 6358-3:2014 for components
 _SURGE = "Wylie, Streeter, Suo, Fluid Transients in Systems (Prentice Hall 1993), chapter 1 (Joukowsky's surge, c dv)"
 
 _SHORTEST = 1.0e-3
-"""Time in s with which the tubes are screened; below it they are a delay alone."""
+"""Time in s with which the tubes are screened; well below it they are a delay of ``2 tau`` alone, whatever the damping."""
 
 _QUIET = 10.0
 """Surge in Pa below which the valve's answer to it is not taken into a step of the integrator."""

@@ -63,7 +63,8 @@ def swinging(
     """``value`` behind a response of second order, ``1 / (1 + 2 D T s + T^2 s^2)`` with ``time`` T (s) and ``damping`` D.
 
     followed : the response plus T times its rate, and the response, so far. Returned: what comes out, and what each follows.
-    Exactly ``value`` at ``time = 0``, regular there; the response itself once T is long against ``shortest`` (s).
+    Exactly ``value`` at ``time = 0``, regular there; the response itself once T is long against ``shortest`` (s). A T short
+    against it is a delay of 2 T, whatever D is.
     """
     weight, T = vanishing_lag(time, shortest)
     driven = value + weight * 2.0 * (1.0 - damping) * (followed[0] - followed[1])
