@@ -174,6 +174,14 @@ def test_a_line_is_a_volume_and_the_inertia_of_its_air(p1, u, longer):
     np.testing.assert_allclose(arriving["mdot1"], expected, atol=0.03 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("damping", [0.1, 2.0])
+def test_a_short_line_is_late_by_twice_its_time_whatever_its_damping(damping):
+    h, short = 2e-5, 1e-4
+    values = {"tau_line": short, "damping_line": damping, "surge_line": 0.0}
+    _, arriving = followed(plant_with("line_delay"), lambda _: 6.0, values, 0.05, h)
+    assert h * np.sum(1.0 - arriving["mdot1"] / arriving["mdot1"][-1]) == pytest.approx(2.0 * short, rel=0.03)
+
+
 @pytest.mark.parametrize("ratio", [0.5, 3.0])
 def test_tubes_of_unlike_length_are_late_in_their_proportion(ratio):
     h, values = 5e-5, {"tau_line": 10e-3, "damping_line": 1.0, "surge_line": 0.0, "lengths_line": ratio}

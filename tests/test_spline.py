@@ -14,6 +14,7 @@ from scipy.interpolate import BSpline
 from controllers.control_model import ControlModel
 from controllers.model_plant import ModelPlant
 from pneuid import api
+from pneuid.criticism.unknown import distil
 from pneuid.effects import effects_by_name
 from pneuid.effects._spline import SIGNALS_OF, Term, basis, curve
 from pneuid.errors import UserError
@@ -82,6 +83,11 @@ def test_a_leak_from_the_supply_follows_the_difference_of_both_pressures_alone(k
 
     assert flow(6e5, 4e5) == pytest.approx(flow(5e5, 3e5), rel=1e-9)
     assert abs(flow(6e5, 4e5) - flow(6e5, 3e5)) > 1e-6
+
+
+def test_a_formula_over_a_difference_reads_as_one():
+    words = distil._text(Term("flow_1", "psup-p1"), "power", np.array([1e5, 0.5]), np.array([2e-5]))
+    assert "(((psup-p1) - 100 kPa)/100 kPa)^0.5" in words
 
 
 @pytest.mark.parametrize(
