@@ -7,6 +7,7 @@ at the off-values every port returns what it was given.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -51,6 +52,13 @@ class Parameter:
     off: float | None = None
     prior: float | None = None
     experiment: str = ""
+
+    @property
+    def step_or_start(self) -> float:
+        """Of an amplitude the distance from off by which the search counts, of a shape where its fit starts; in ``unit``."""
+        if self.off is None:
+            return self.start
+        return self.off * math.expm1(self.scale) if self.positive else self.scale
 
 
 @dataclass(frozen=True)

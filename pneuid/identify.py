@@ -54,7 +54,8 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument("--friction", choices=tuple(LAWS), help="friction law instead of the rig's")
     found.add_argument(
         "--add", nargs="+", metavar="EFFECT", default=[],
-        help="effects to add: of the catalogue, 'spline:EQUATION(SIGNAL)', or your own",
+        help="effects to add: of the catalogue, 'spline:EQUATION(SIGNAL)', 'formula:EQUATION(SHAPE(SIGNAL,NUMBERS))', or "
+        "your own",
     )  # fmt: skip
     found.add_argument("--drop", nargs="+", metavar="EFFECT", default=[], help="effects to leave out")
     found.add_argument("--diagnosis", metavar="FILE", help="diagnosis.json whose rejected rungs join the ladder")

@@ -16,6 +16,7 @@ from types import ModuleType
 import pytest
 
 from pneuid.api import plant_of
+from pneuid.effects._spline import SIGNALS_OF
 from pneuid.rig import Rig
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -224,6 +225,17 @@ def test_the_effect_of_ones_own_joins_the_plant(tmp_path):
     rig = Rig.from_toml(ROOT / "scenarios" / "demo" / "rig.toml")
     plant = plant_of(rig, add=["drag_of_chain"], effect_files=[tmp_path / "drag.py"])
     assert "c_chain" in plant.parameter_names
+
+
+def test_own_effect_lists_the_signals_of_every_equation():
+    lines = (DOCS / "own_effect.md").read_text("utf-8").splitlines()
+    rows = [line.split("|")[1:3] for line in lines if line.startswith("| `")]
+    listed = {
+        name: re.findall(r"`([^`]+)`", signals) for names, signals in rows for name in re.findall(r"`(\w+)`", names)
+    }
+    for equation, signals in SIGNALS_OF.items():
+        other = {"flow_1": ["psup-p2"], "flow_2": ["psup-p1"]}.get(equation, [])
+        assert sorted(listed[equation]) == sorted([*signals, *other]), equation
 
 
 @pytest.mark.slow

@@ -108,6 +108,12 @@ def group_of(effect: Effect) -> str:
     return {"friction": "friction", "force": "mechanics"}.get(effect.equation, "pneumatics")
 
 
+def easily_confused(effect: Effect) -> tuple[str, ...]:
+    """Names of what ordinary data confuse with a catalogue effect, whichever of the two names the other."""
+    others = [other.name for other in CATALOGUE.values() if other is not effect and effect.resembles(other)]
+    return (*others, *(name for name in effect.confused_with if name not in CATALOGUE))
+
+
 def effects_by_name(names: Sequence[str], own: Sequence[Effect] = ()) -> tuple[Effect, ...]:
     """The named effects, each once: the catalogue's in its order, the user's ``own``, then splines and formulas as given.
 

@@ -10,7 +10,7 @@ from rich.table import Column, Table
 
 from pneuid.criticism.screening.signature import signature
 from pneuid.effect import Effect
-from pneuid.effects import CATALOGUE, GROUPS, effects_by_name, group_of
+from pneuid.effects import CATALOGUE, GROUPS, easily_confused, effects_by_name, group_of
 from pneuid.errors import UserError
 from pneuid.physics.friction import LAWS
 from pneuid.report.quantities import handy
@@ -81,15 +81,15 @@ def _show(console: Console, effect: Effect, rig: Rig) -> None:
     console.print(f"enters at: {', '.join(effect.ports)}")
     declared = effect.parameters(rig, LAWS[effect.laws[0]])
     table = Table(
-        "parameter", "symbol", "unit", "lower", "upper", "off", "typical size", title=f"on a {rig.kind} rig, bore 32 mm"
+        "parameter", "symbol", "unit", "lower", "upper", "off", "step / start", title=f"on a {rig.kind} rig, bore 32 mm"
     )
     for item in declared:
         unit, factor = handy(item.unit)
         off = "shape" if item.off is None else f"{factor * item.off:.4g}"
-        typical = item.start if item.off is None else item.scale
-        lower, upper, size = (f"{factor * value:.3g}" for value in (item.lower, item.upper, typical))
+        lower, upper, size = (f"{factor * value:.3g}" for value in (item.lower, item.upper, item.step_or_start))
         table.add_row(item.name, item.symbol, unit, lower, upper, off, size)
     console.print(table)
+    console.print("step / start: of an amplitude, how far from off the search counts; of a shape, where its fit starts")
     if any(item.off is None for item in declared):
         console.print("shape: it says how the effect acts, not how much, and means nothing while the others are off")
     for item in declared:
@@ -98,7 +98,7 @@ def _show(console: Console, effect: Effect, rig: Rig) -> None:
     for state in effect.states:
         console.print(f"state {state.name} ({state.unit})", markup=False)
     console.print(f"revealed by: {effect.experiment}")
-    console.print(f"easily confused with: {', '.join(effect.confused_with) or 'none'}")
+    console.print(f"easily confused with: {', '.join(easily_confused(effect)) or 'none'}")
     console.print(f"guarantees: {', '.join(effect.guarantees) or 'none'}")
     console.print(f"source: {effect.reference}", markup=False)
 

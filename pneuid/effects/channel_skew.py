@@ -15,8 +15,8 @@ class ChannelSkew(Effect):
     """Position and pressures are shown as they were some time earlier: ``p - tau dp/dt``, ``x - tau v + tau^2 dv/dt / 2``.
 
     A logger that reads its channels in turn gives each an age of its own: ``tau_x``, ``tau_p`` for p1 and ``tau_p + tau_21``
-    for p2. What all have in common is like a late command. A piston that sets out at 10 m/s^2 is 80 um off within 4 ms: with
-    ``x`` to the first order such a delay left 28 floors, and a lag of the valve was named beside it; with the second 1.0.
+    for p2. What all have in common is like a late command. A piston that sets out at 10 m/s^2 is 80 um off within
+    4 ms, so ``x`` is taken back to the second order.
     """
 
     name = "channel_skew"

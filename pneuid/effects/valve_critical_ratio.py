@@ -14,7 +14,8 @@ _SOURCE = "ISO 6358-1:2013, eq. (2) and clause 3 (critical back-pressure ratio b
 class ValveCriticalRatio(Effect):
     """The critical pressure ratio ``b`` of the valve and its subsonic index ``m`` become fitted parameters.
 
-    Another ratio alone cannot follow a valve whose flow falls off more or less steeply than the quarter ellipse, m = 0.5.
+    Another ratio alone cannot follow a valve whose flow falls off more or less steeply than the quarter ellipse, m = 0.5. The
+    ratio may depend on the opening ``s``: ``b_rig + (b - b_rig) (1 + c (1 - 2 s))``, so that ``b`` is that at half of it.
     """
 
     name = "valve_critical_ratio"

@@ -16,7 +16,7 @@ from pneuid.criticism.comparison.comparison import Comparison
 from pneuid.criticism.comparison.ladder import Rung, from_json, rung_of, to_json
 from pneuid.criticism.prediction.horizons import Prediction
 from pneuid.criticism.screening.signature import signature
-from pneuid.effects import CATALOGUE
+from pneuid.effects import CATALOGUE, easily_confused
 from pneuid.errors import UserError
 from pneuid.model import file_sha256
 from pneuid.physics.friction import LAWS
@@ -183,7 +183,7 @@ def catalogue(folder: Path) -> tuple[list[EffectCard], tuple[str, ...]]:
     """The effects that can show on this rig, and the friction laws."""
     rig = Rig.from_toml(folder / "rig.toml")
     cards = [
-        EffectCard(item.name, item.mechanism, item.equation, item.experiment, item.reference, tuple(item.confused_with))
+        EffectCard(item.name, item.mechanism, item.equation, item.experiment, item.reference, easily_confused(item))
         for item in CATALOGUE.values()
         if rig.kind in item.rigs
     ]

@@ -16,7 +16,7 @@ from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import Run
 
 ADEQUATE_EXCESS = 0.15
-"""Held-out excess, relative to the squared noise floor, that counts as none whatever the noise: a thirteenth of its size."""
+"""Held-out excess, relative to the squared noise floor, that counts as none whatever the noise: an error of 1.07 floors."""
 
 BETTER = 0.8
 """Error of a trial, relative to the standing model's, from which its noise floor is measured anew."""
