@@ -19,7 +19,8 @@ Written by `python docs/make_catalogue.py` from the effects' own declarations; d
 demonstration rig (32 mm bore, 500 mm stroke). An amplitude is switched off at its off-value; a *shape* means nothing while
 the amplitudes are off. *Step / start*: of an amplitude, how far from off the search counts; of a shape, where its fit starts
 on this rig. What real machines have stands in the text, after *Typical*. *Equation* is the first one that an effect enters.
-What is called `law:...` among the easily confused is a step of [the friction law](explanation/model.md#friction), no entry of the catalogue.
+What is called `law:...` among the easily confused is a step of [the friction law](explanation/model.md#friction), no entry
+of the catalogue.
 Pictures: the base model beside the model with the effect at its typical size, in the experiment that shows it most, and the
 difference; the grey band is what the sensors hide. `python -m pneuid.effects NAME --out DIR` draws one larger,
 `python docs/make_figures.py --catalogue` all of them.
