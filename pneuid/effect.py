@@ -100,6 +100,8 @@ class Scope:
     """Signed relative opening that stands at the effect's own ``valve`` port."""
     opening_1: Expression = None
     opening_2: Expression = None
+    b: Expression = None
+    """Critical pressure ratio of the valve's edges, as effects leave it."""
     supply_flow: Expression = None
     """Mass flow drawn from the supply, kg/s."""
     full_flow: Expression = None

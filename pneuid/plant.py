@@ -28,8 +28,9 @@ R = TypeVar("R")
 SMOOTHING_NAMES = ("smooth_speed", "smooth_opening", "smooth_laminar")
 
 _CONSTANTS = (
-    "mass_nominal", "mass_run", "supply_shift", "incline", "A1", "A2", "V01", "V02", "stroke", "patm", "T", "b", "full_scale",
-    "null", "carrier_stiffness", "carrier_damping", "p1_low", "p1_high", "p2_low", "p2_high", "x_low", "x_high",
+    "mass_nominal", "mass_run", "supply_nominal", "supply_shift", "incline", "A1", "A2", "V01", "V02", "stroke", "patm", "T",
+    "b", "full_scale", "null", "carrier_stiffness", "carrier_damping",
+    "p1_low", "p1_high", "p2_low", "p2_high", "x_low", "x_high",
 )  # fmt: skip
 
 RANGES = ("p1_low", "p1_high", "p2_low", "p2_high", "x_low", "x_high")
@@ -174,7 +175,7 @@ class Plant:
         damping = 2 * friction.CARRIER_DAMPING_RATIO * friction.CARRIER_FREQUENCY * rig.mass if servo else 0.0
         constants = {
             "mass_nominal": rig.mass, "mass_run": rig.mass if mass_run is None else mass_run,
-            "supply_shift": supply_shift, "incline": rig.incline,
+            "supply_nominal": rig.supply if servo else rig.patm, "supply_shift": supply_shift, "incline": rig.incline,
             "A1": rig.A1, "A2": rig.A2, "V01": rig.V01 if servo else 1.0, "V02": rig.V02 if servo else 1.0,
             "stroke": rig.stroke if servo else 1.0, "patm": rig.patm, "T": rig.temperature,
             "b": rig.critical_ratio if servo else 0.3, "full_scale": rig.full_scale if servo else 1.0,
@@ -252,9 +253,11 @@ class Plant:
         b, m = th["b"], valve.ELLIPSE
         for effect, scope in zip(self.effects, scopes, strict=True):
             scope.opening_1, scope.opening_2 = edge_1, edge_2
+            b, m = effect.critical_ratio(b, scope), effect.subsonic_index(m, scope)
+        for effect, scope in zip(self.effects, scopes, strict=True):
+            scope.b = b
             edges = effect.edges(edges, scope)
             psup = effect.supply(psup, scope)
-            b, m = effect.critical_ratio(b, scope), effect.subsonic_index(m, scope)
 
         def flow(p_from: Expression, p_to: Expression) -> Expression:
             return valve.mass_flow(p_from, p_to, th["C"], b, th["T"], smoothing.laminar, m)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import TRUTH, rig
+from helpers import RANGES, TRUTH, march, rig, step_function, values_of
 from hypothesis import given
 from hypothesis import strategies as st
 from operating import SERVO_POINT, at, followed, plant_with
@@ -228,6 +228,31 @@ def test_valve_and_tube_let_the_same_flow_through(p1, p2, r, u, b):
             port = brentq(lambda q, p=p: edge(q, patm) ** 2 - (p**2 - q**2) / r, patm, p)
             expected = edge(port, patm) / edge(p, patm)
         assert float(getattr(with_it, name)) / float(getattr(without, name)) == pytest.approx(expected, rel=4e-3), name
+
+
+@pytest.mark.parametrize(("tau", "k"), [(0.5e-3, 0.5), (1e-3, 0.7), (1e-3, 1.0), (3e-3, 1.0)])
+def test_a_chamber_that_a_tube_has_filled_is_quiet(tau, k):
+    """At the time step that a record of 1 kHz gets, where the valve's curve is steep."""
+    plant = plant_with("line_delay")
+    own = {"tau_line": tau, "damping_line": 0.7, "surge_line": k, "lengths_line": 1.0, "r_line": 0.0}
+    psup = SERVO_POINT["psup"]
+    start = SERVO_POINT | dict.fromkeys((own.name for own in plant.effect_states), 0.0)
+    start |= {"x": 0.02, "p1": psup - 2e3, "p2": rig().patm}
+    theta = plant.theta(values_of(plant, own), RANGES, mass_run=1e9)
+    state = np.array([start[name] for name in plant.states])
+    found = march(step_function(plant), state, np.array([10.0, psup]), np.zeros(2), 0.5e-3, 1200, theta)
+    # sensors of pressure have 200 to 500 Pa of noise
+    assert np.ptp(found[plant.states.index("p1"), -400:]) < 250.0
+
+
+@pytest.mark.parametrize("name", ["line_delay", "exhaust_restriction"])
+@pytest.mark.parametrize("u", [10.0, -4.0])
+def test_what_stands_in_series_with_the_valve_knows_its_fitted_critical_ratio(name, u):
+    own, point = {"r_line": 4.0} if name == "line_delay" else {"r_exhaust": 2.0}, {"u": u, "p1": 5e5, "p2": 4e5}
+    fitted = at(plant_with(name, "valve_critical_ratio"), point, {**own, "critical_ratio": 0.5, "ratio_slope": 0.0})
+    stated = at(plant_with(name, on=replace(rig(), critical_ratio=0.5)), point, own)
+    for flow in ("mdot1", "mdot2"):
+        assert float(getattr(fitted, flow)) == pytest.approx(float(getattr(stated, flow)), rel=1e-9)
 
 
 def test_a_tube_leaves_a_choked_edge_alone_when_it_fills_and_takes_its_share_when_it_vents():

@@ -77,7 +77,8 @@ def test_through_a_thin_tube_a_sealed_sensor_follows_the_faster_the_denser_the_a
     )  # fmt: skip
     late = t > 6 * tau
     behind = np.abs(found.y[0] - p)[late].max()
-    np.testing.assert_allclose(shown[name][late], found.y[0][late], atol=0.05 * behind)
+    # while the air becomes denser the lag becomes shorter: without that it is twice as far off
+    np.testing.assert_allclose(shown[name][late], found.y[0][late], atol=0.025 * behind)
     # a delay that is the same at all pressures is not within that
     steady = _filling(plant, given | {f"tube_{name}": 0.0}, count=800)[2]
     assert np.abs(steady[name] - found.y[0])[late].max() > 0.15 * behind

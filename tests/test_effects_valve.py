@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers import rig
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from operating import at, followed, plant_with
 from scipy.signal import lti
@@ -232,7 +232,7 @@ def _branch(found, t, command, way):
     return s[chosen][order], found[chosen][order]
 
 
-UNIT = st.floats(0.0, 1.0)
+UNIT, SHARE = st.floats(0.0, 1.0), st.floats(-0.5, 0.5)
 SOFT = {"play": 0.02, "play_spread": 0.3, "play_soft": 1.0, "play_way": 3.0}
 
 
@@ -254,6 +254,32 @@ def test_a_soft_hysteresis_is_held_back_by_dahl_s_friction(size):
     ideal = commanded - _dahl(commanded, 0.02, 3.0)
     # the way is longer by 3 % for what is followed while the amplitude is off (0.005)
     assert np.abs(found - ideal).max() < 0.03 * 0.02
+
+
+def test_a_soft_hysteresis_keeps_what_it_holds_back_while_the_command_rests():
+    t, found = _opening(plant_with("valve_hysteresis"), SOFT, lambda now: min(0.3 * now, 0.3), 6.0, 1e-3)
+    stopped, last = found[np.searchsorted(t, 1.05)], found[-1]
+    assert 0.3 - stopped == pytest.approx(0.02, rel=0.01) and last == pytest.approx(stopped, abs=1e-3 * 0.02)
+
+
+def test_a_soft_hysteresis_holds_back_as_much_in_slow_motion():
+    """A hundredth of the command within a second, the slow small triangles that reveal it."""
+    command = _triangle(0.01, 4.0)
+    own = SOFT | {"play": 0.002, "play_way": 0.5}
+    t, found = _opening(plant_with("valve_hysteresis"), own, command, 8.0, 1e-3)
+    commanded = np.array([command(float(now)) for now in t])
+    rising = np.gradient(commanded, t) > 0
+    late = (t > 4.0) & (np.abs(commanded) < 2e-3)
+    held = [float((commanded - found)[late & way].mean()) for way in (rising, ~rising)]
+    assert held[0] == pytest.approx(0.002, rel=0.1) and held[1] == pytest.approx(-0.002, rel=0.1)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(0.0, 0.3), SHARE, SHARE, SHARE, st.floats(0.01, 1.0), st.floats(-2.0, 2.0))
+def test_no_edge_of_an_overlapped_spool_opens_less_than_nothing(d, skew, supply, port, edge, u):
+    own = {"dead_zone": d, "lap_skew": skew, "lap_supply": supply, "lap_port": port, "lap_edge": edge}
+    edges = at(plant_with("valve_dead_zone"), {"u": u}, own).edges
+    assert min(float(of) for of in (edges.supply_1, edges.supply_2, edges.exhaust_1, edges.exhaust_2)) >= 0.0
 
 
 @pytest.mark.parametrize("values", ["PLAY", "SOFT"])

@@ -39,6 +39,14 @@ def test_the_basis_is_scipys():
     np.testing.assert_allclose(np.array(basis(s, knots)).T, expected, atol=1e-12)
 
 
+def test_the_knots_of_a_drop_from_the_supply_reach_what_one_supply_pressure_leaves():
+    """A servo at 7 bar whose chambers stay between 2.5 and 5 bar."""
+    data = {"p1_low": 2.5e5, "p1_high": 5e5, "p2_low": 3e5, "p2_high": 4.5e5, "x_low": 0.0, "x_high": 0.4}
+    every = np.linspace(3.01e5, 5.5e5, 20)
+    value = curve(Term("flow_1", "psup-p1"), np.arange(10.0), {**data, "patm": 1e5, "supply_nominal": 8e5}, every)
+    assert np.all(np.diff(value) > 0.0) and np.ptp(value) > 2.0
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_spline_stands_in_a_plant_and_vanishes_when_off(name):
     kind = "bench" if "sensor_F" in name else "servo"

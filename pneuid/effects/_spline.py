@@ -144,6 +144,10 @@ def _positive(a: Any) -> Any:
     return 0.5 * (a + abs(a))
 
 
+def _larger(a: Any, b: Any) -> Any:
+    return 0.5 * (a + b + abs(a - b))
+
+
 def _clipped(s: Any) -> Any:
     """``s`` within 0..1."""
     return 0.5 * (abs(s) - abs(s - 1.0) + 1.0)
@@ -171,9 +175,9 @@ def coordinate(signal: str, scope: Scope) -> Any:
     if signal == "dp":
         value, low, high = scope.p1 - scope.p2, rig.p1_low - rig.p2_high, rig.p1_high - rig.p2_low
     elif signal in DIFFERENCES:
-        # the highest pressure in either chamber is about the supply's
+        # runs at a higher supply than stated mostly have pressures above it
         chamber = DIFFERENCES[signal][1]
-        top = 0.5 * (rig.p1_high + rig.p2_high + abs(rig.p1_high - rig.p2_high))
+        top = _larger(rig.supply_nominal, _larger(rig.p1_high, rig.p2_high))
         value, low, high = scope.psup - getattr(scope, chamber), 0.0, top - getattr(rig, f"{chamber}_low")
     else:
         value, low, high = getattr(scope, signal), getattr(rig, f"{signal}_low"), getattr(rig, f"{signal}_high")
@@ -353,7 +357,7 @@ def spline_by_name(name: str) -> Spline:
 def curve(term: Term, amplitudes: Sequence[float], ranges: Mapping[str, float], signal: Any) -> Any:
     """f ``(n,)`` in the term's unit at values ``(n,)`` of its signal: SI, absolute, ``u`` as relative opening.
 
-    ranges : those of the model (``x_low`` ...) and ``patm``. The factor is not part of f.
+    ranges : those of the model (``x_low`` ...), ``patm`` and ``supply_nominal``. The factor is not part of f.
     """
     return sum(a * column for a, column in zip(amplitudes, curve_columns(term, ranges, signal), strict=True))
 

@@ -127,7 +127,8 @@ def _side(
     rest, entering = V - ring, R_AIR * scope.rig.T * mdot
     smaller = scope.n / rest * (entering - p * (1.0 - share) * A * speed)
     whole = scope.n / V * (entering - p * A * speed)
-    needle = shut * (length + _CLEARANCE) / (room * tau) * _eased(over, p)
+    # what leaves the ring fills the rest as well, the less there is of it the more
+    needle = shut * (length + _CLEARANCE) / (room * tau) * _eased(over, p) * V / rest
     exchange = needle + (1.0 - shut) / _OPEN + (1.0 - trapped) / scope.p.tau_check
     pressed = -scope.n * speed / room
     return _Side(ring / V, over, exchange, shut * pressed, shut * (p * pressed - smaller), shut * (smaller - whole))

@@ -83,12 +83,12 @@ def _risen(opening: Expression, p: Expression, scope: Scope) -> Expression:
 
 def _over_zero_ratio(ratio: Expression, scope: Scope) -> Expression:
     """Squared flow at a pressure ratio over that for a critical ratio of zero, ``1 - ratio^2``; finite where both vanish."""
-    b = scope.rig.b
+    b = scope.b
     subsonic, choked = ca.fmax(ratio, b), ca.fmin(ratio, b)
     return (1.0 + subsonic - 2.0 * b) / (1.0 + subsonic) * (1.0 + b) / (1.0 - b) / (1.0 - choked * choked)
 
 
 def _share(p: Expression, back: Expression, scope: Scope) -> Expression:
     """Flow of an edge from pressure ``p`` into the pressure ``back``, over its flow into the open."""
-    b = scope.rig.b
+    b = scope.b
     return ca.sqrt((squared_share(back / p, b) + _LEVEL) / (squared_share(scope.rig.patm / p, b) + _LEVEL))

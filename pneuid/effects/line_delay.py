@@ -87,7 +87,8 @@ class LineDelay(Effect):
         found = []
         for k, longer in enumerate(_longer(scope)):
             delay = longer * p.tau_line
-            arriving, (drive, last) = swinging(at_ports[k], past[k], delay, p.damping_line, _SHORTEST)
+            # by the surge alone a full chamber would ring, where the valve's curve is steep
+            arriving, (drive, last) = swinging(at_ports[k], past[k], delay, p.damping_line, _SHORTEST, at_chambers[k])
             # what the surge itself does to the flow, where the valve's curve is steep
             steep = surge * (at_chambers[k] - at_ports[k]) * above[k] / (above[k] * above[k] + _QUIET * _QUIET)
             found.append((arriving, (stiffly(drive, past[k][0], steep), last)))
@@ -114,5 +115,5 @@ def _through(scope: Scope, above_1: Expression, above_2: Expression) -> tuple[Ex
 
 def _share(opening: Expression, p: Expression, longer: Expression, scope: Scope) -> Expression:
     """Share of its flow that the edge into (``opening`` > 0) or out of a port at ``p`` keeps, before a tube so much longer."""
-    R, rig = longer * scope.p.r_line * opening * opening, scope.rig
-    return ca.if_else(opening > 0.0, share_filling(R, p, scope.psup, rig.b), share_venting(R, p, rig.patm, rig.b))
+    R, b = longer * scope.p.r_line * opening * opening, scope.b
+    return ca.if_else(opening > 0.0, share_filling(R, p, scope.psup, b), share_venting(R, p, scope.rig.patm, b))

@@ -18,8 +18,8 @@ class MountingCompliance(Effect):
     """Body of mass ``m/mu`` on a mount of natural frequency ``w`` and damping ratio ``zeta``; ``x`` is the piston's way in it.
 
     A position sensor on the body shows ``x``, one on the machine ``x + mu q``, one on a bracket between ``x + r mu q``. The
-    body's displacement is ``mu q`` with ``q'' = -R/m - w^2 q - 2 zeta w q'`` and ``R`` the force of air and friction on
-    the piston; the load feels ``-m mu q''``. Typical: mu 0.1 to 1, w 60 to 400 rad/s (10 to 60 Hz), zeta 0.02 to 0.2.
+    body's displacement is ``mu q`` with ``q'' = -R/m - w^2 q - 2 zeta w q'`` and ``R`` the force of air, friction and end stops
+    on the piston; the load feels ``-m mu q''``. Typical: mu 0.1 to 1, w 60 to 400 rad/s (10 to 60 Hz), zeta 0.02 to 0.2.
     """
 
     name = "mounting_compliance"
@@ -47,9 +47,10 @@ class MountingCompliance(Effect):
         return -w * w * q - 2.0 * scope.p.zeta_mount * w * speed
 
     def _driving(self, scope: Scope) -> Expression:
-        """Force of air and friction on the piston, N."""
+        """Force of air, friction and end stops on the piston, N: what it pushes the body with."""
         rig = scope.rig
-        return motion.pressure_force(scope.p1, scope.p2, rig.A1, rig.A2, rig.patm) - scope.friction
+        air = motion.pressure_force(scope.p1, scope.p2, rig.A1, rig.A2, rig.patm)
+        return air - scope.friction - motion.end_stop_force(scope.x, scope.v, rig.stroke)
 
     def force(self, force: Expression, scope: Scope) -> Expression:
         """Add the inertia force of the load in the moving frame."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
-from pneuid.physics.lag import Stage, behind_two_lags, delay_through_tube
+from pneuid.physics.lag import Stage, behind_two_lags, delay_through_tube, growth_through_tube
 from pneuid.rig import Rig
 
 _SOURCE = (
@@ -58,4 +58,5 @@ class SensorLagP1(Effect):
     def _behind(pressure: Expression, scope: Scope) -> tuple[Expression, tuple[Stage, Stage]]:
         p, rates = scope.p, (scope.state.rate_p1, scope.state.rate_p1_shown)
         delay = delay_through_tube(p.tau_p1, scope.p1, p.tube_p1)
-        return behind_two_lags(pressure, scope.p1_rate, rates, delay, p.order_p1, _SHORTEST, p.swing_p1)
+        growth = growth_through_tube(scope.p1, scope.p1_rate, p.tube_p1)
+        return behind_two_lags(pressure, scope.p1_rate, rates, delay, p.order_p1, _SHORTEST, p.swing_p1, growth)

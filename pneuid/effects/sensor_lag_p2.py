@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pneuid.effect import Effect, Expression, Parameter, Scope, State
 from pneuid.physics.friction import FrictionLaw
-from pneuid.physics.lag import Stage, behind_two_lags, delay_through_tube
+from pneuid.physics.lag import Stage, behind_two_lags, delay_through_tube, growth_through_tube
 from pneuid.rig import Rig
 
 _SOURCE = (
@@ -58,4 +58,5 @@ class SensorLagP2(Effect):
     def _behind(pressure: Expression, scope: Scope) -> tuple[Expression, tuple[Stage, Stage]]:
         p, rates = scope.p, (scope.state.rate_p2, scope.state.rate_p2_shown)
         delay = delay_through_tube(p.tau_p2, scope.p2, p.tube_p2)
-        return behind_two_lags(pressure, scope.p2_rate, rates, delay, p.order_p2, _SHORTEST, p.swing_p2)
+        growth = growth_through_tube(scope.p2, scope.p2_rate, p.tube_p2)
+        return behind_two_lags(pressure, scope.p2_rate, rates, delay, p.order_p2, _SHORTEST, p.swing_p2, growth)

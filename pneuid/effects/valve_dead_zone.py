@@ -56,10 +56,13 @@ class ValveDeadZone(Effect):
             return _past(towards, mean + beyond, scope) - _past(towards, mean, scope)
 
         up, down = 1.0 + p.lap_skew, 1.0 - p.lap_skew
+        # the mean of a side is a rounded corner less what the other side has of its own: near null that is below zero
         return Edges(
-            supply_1=edges.supply_1 + more(s, up, one), exhaust_2=edges.exhaust_2 + more(s, up, -one),
-            supply_2=edges.supply_2 + more(-s, down, two), exhaust_1=edges.exhaust_1 + more(-s, down, -two),
-        )  # fmt: skip
+            supply_1=ca.fmax(edges.supply_1 + more(s, up, one), 0.0),
+            exhaust_2=ca.fmax(edges.exhaust_2 + more(s, up, -one), 0.0),
+            supply_2=ca.fmax(edges.supply_2 + more(-s, down, two), 0.0),
+            exhaust_1=ca.fmax(edges.exhaust_1 + more(-s, down, -two), 0.0),
+        )
 
 
 def _past(towards: Expression, lap: Expression, scope: Scope) -> Expression:

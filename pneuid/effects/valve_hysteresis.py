@@ -24,8 +24,8 @@ _CATCH = 1.0e-3
 _FOLLOWING = 2.0e-3
 """Time in s within which the command is followed, whose speed turns Dahl's friction round."""
 
-_STILL = 1.0e-2
-"""Speed of the command in full scales per second below which Dahl's force rests."""
+_STILL = 1.0e-5
+"""Speed of the command in full scales per second below which Dahl's force is given back, over minutes and longer."""
 
 _ROUNDING = 0.02
 """Share of the half-width over which carrying along sets in."""
@@ -82,9 +82,9 @@ class ValveHysteresis(Effect):
         for held, half_width, share in self._plays(scope):
             gap = scope.opening - held
             opening -= 0.5 * hard * share * p.play * (gap - _beyond(gap, half_width)) / half_width
-        way, stays = self._to_come(scope)[0], scope.state.spool_stiction
-        turned = ca.exp(-ca.fabs(way) / (p.play_way * _followed(scope)))
-        return opening - p.play_soft * p.play * (stays * turned + ca.sign(way) * (1.0 - turned))
+        (way, size), stays = self._to_come(scope), scope.state.spool_stiction
+        turned = ca.exp(-size / (p.play_way * _followed(scope)))
+        return opening - p.play_soft * p.play * (stays * turned + way / size * (1.0 - turned))
 
     def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
         """A play is carried along by what the command lies beyond it, and rests while the command is within.

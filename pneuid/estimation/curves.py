@@ -60,11 +60,17 @@ def curves_of(fit: Fit) -> tuple[Curve, ...]:
     return tuple(_curve(fit, effect, names, covariance) for effect in splines)
 
 
+def known_ranges(fit: Fit) -> dict[str, float]:
+    """What places a signal within its knots, SI: the ranges of a fit's data, ambient pressure and the stated supply."""
+    rig = fit.plant.rig
+    return {**fit.ranges, "patm": rig.patm, "supply_nominal": rig.supply if fit.plant.servo else rig.patm}
+
+
 def _curve(fit: Fit, effect: Spline, names: Sequence[str], covariance: np.ndarray) -> Curve:
     term = effect.term
     low, high = visited(fit.runs, term, fit)
     at = np.linspace(low, high, POINTS)
-    columns = np.array(curve_columns(term, {**fit.ranges, "patm": fit.plant.rig.patm}, at))
+    columns = np.array(curve_columns(term, known_ranges(fit), at))
     index = [names.index(name) for name in effect.amplitudes]
     value = np.array([fit.values[name] for name in effect.amplitudes]) @ columns
     std = np.sqrt(np.maximum(np.einsum("in,ij,jn->n", columns, covariance[np.ix_(index, index)], columns), 0.0))

@@ -31,6 +31,14 @@ def delay_through_tube(delay: Expression, p: Expression, power: Expression) -> E
     return delay * (_STATED_AT / ca.fmax(p, _LEAST)) ** power
 
 
+def growth_through_tube(p: Expression, p_rate: Expression, power: Expression) -> Expression:
+    """Rate in 1/s at which that delay grows, relative to it, while the pressure changes by ``p_rate`` (Pa/s)."""
+    return -power * p_rate / ca.fmax(p, _LEAST)
+
+
+_SLOWEST = 0.1
+"""Least share of its speed that a rate keeps while the delay falls."""
+
 Stage = tuple[Expression, Expression]
 """What a stage of a lag follows, and its time constant in s."""
 
@@ -58,18 +66,20 @@ def two_lags(
 
 
 def swinging(
-    value: Expression, followed: tuple[Expression, Expression], time: Expression, damping: Expression, shortest: float
-) -> tuple[Expression, tuple[Stage, Stage]]:
+    value: Expression, followed: tuple[Expression, Expression], time: Expression, damping: Expression, shortest: float,
+    at_once: Expression,
+) -> tuple[Expression, tuple[Stage, Stage]]:  # fmt: skip
     """``value`` behind a response of second order, ``1 / (1 + 2 D T s + T^2 s^2)`` with ``time`` T (s) and ``damping`` D.
 
-    followed : the response plus T times its rate, and the response, so far. Returned: what comes out, and what each follows.
+    followed : the response plus T times its rate, and the response, so far; at_once : ``value`` without what these do to it,
+    for the part of a short T that comes out unfollowed. Returned: what comes out, and what each follows.
     Exactly ``value`` at ``time = 0``, regular there; the response itself once T is long against ``shortest`` (s). A T short
     against it is a delay of 2 T, whatever D is.
     """
     weight, T = vanishing_lag(time, shortest)
     driven = value + weight * 2.0 * (1.0 - damping) * (followed[0] - followed[1])
     # by the value and not by what drives it: a lag that does not turn on its own state is carried exactly by the controllers
-    between = value - weight * (value - followed[0])
+    between = at_once - weight * (at_once - followed[0])
     # what damps more than two equal lags do holds the first back by its own way
     drive = stiffly((driven, T), followed[0], 2.0 * weight * (damping - 1.0))
     return between - weight * (between - followed[1]), (drive, (between, T))
@@ -94,15 +104,25 @@ def further_lag(value: Expression, followed: Expression, delay: Expression, shor
 
 def behind_two_lags(
     value: Expression, value_rate: Expression, rates: tuple[Expression, Expression], delay: Expression, share: Expression,
-    shortest: float, swing: Expression = 0.0,
+    shortest: float, swing: Expression = 0.0, growth: Expression = 0.0,
 ) -> tuple[Expression, tuple[Stage, Stage]]:
     """`two_lags` by the filtered ``rates`` (1/s) of ``value`` and of what the first lag shows, which are zero at rest.
 
+    growth : rate (1/s) at which the delay grows, relative to it: ``T r = value - y`` then moves by ``T'`` as well.
     Returned: what comes out, late by ``delay`` whatever the others are, and what each rate follows.
     """  # fmt: skip
     first, second = delay * (1.0 - share), delay * share
     weight, T1 = vanishing_lag(first, shortest)
-    T2 = vanishing_lag(second / (1.0 - swing * weight * weight), shortest)[1]
+    slower, T2 = vanishing_lag(second / (1.0 - swing * weight * weight), shortest)
     driven_rate = value_rate + weight * swing * (rates[0] - rates[1])
     between_rate = value_rate - weight * (value_rate - rates[0])
-    return value - first * rates[0] - second * rates[1], ((driven_rate, T1), (between_rate, T2))
+    drive = _growing((driven_rate, T1), weight * weight * growth)
+    last = _growing((between_rate, T2), slower * slower * growth)
+    return value - first * rates[0] - second * rates[1], (drive, last)
+
+
+def _growing(stage: Stage, growth: Expression) -> Stage:
+    """What a rate follows behind a lag whose time constant grows by ``growth`` (1/s), relative to it."""
+    target, T = stage
+    faster = ca.fmax(1.0 + T * growth, _SLOWEST)
+    return target / faster, T / faster

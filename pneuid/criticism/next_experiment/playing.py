@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from pneuid.criticism.decision.diagnosis import Command
 from pneuid.criticism.next_experiment.excitations import LOWER_SUPPLY, Axis, Excitation
 from pneuid.criticism.next_experiment.rival import Played, Rival
+from pneuid.estimation.settled import starting_states
 from pneuid.physics.gas import R_AIR, RHO_REFERENCE
 from pneuid.recording import LEAST_TRAVEL
 
@@ -135,12 +136,15 @@ def _on_bench(rivals: Sequence[Rival], excitation: Excitation, seconds: float) -
     p1, p2 = level("p1", 0.9 - 0.8 * exchanged), level("p2", 0.1 + 0.8 * exchanged)
     given = {"x": x, "v": v, "a": np.gradient(v, first.dt), "p1": p1, "p2": p2}
     inputs = np.vstack([given[name] for name in first.plant.inputs])
-    done = tuple(rival.played(_unstrained(rival), inputs) for rival in rivals)
+    done = tuple(rival.played(_unstrained(rival, inputs), inputs) for rival in rivals)
     if not all(np.all(np.isfinite(one.outputs)) for one in done):
         return None
     return Scene(Command(t, x, {name: given[name] for name in first.plant.rig.chambers}), inputs, done)
 
 
-def _unstrained(rival: Rival) -> np.ndarray:
-    known = {state.name: state.initial for state in rival.plant.effect_states}
-    return np.array([known.get(name, 0.0) for name in rival.plant.states])
+def _unstrained(rival: Rival, inputs: np.ndarray) -> np.ndarray:
+    """At rest with a relaxed bristle, effects' states at their initial values or settled on the first of ``inputs``."""
+    states = np.zeros((len(rival.plant.states), 1))
+    own = starting_states(rival.plant, states, inputs[:, :1], rival.theta[:, None])
+    states[len(states) - len(own) :] = own
+    return states[:, 0]

@@ -19,7 +19,7 @@ from pneuid.criticism.refitting.restarts import Say
 from pneuid.criticism.unknown.distil import Distilled, distilled
 from pneuid.criticism.unknown.probes import Joint, Probed, Probing, weights
 from pneuid.effects._spline import KNOTS, Term, curve_columns, spline
-from pneuid.estimation.curves import POINTS, Curve, visited
+from pneuid.estimation.curves import POINTS, Curve, known_ranges, visited
 from pneuid.estimation.fit import Fit, comparable_costs
 from pneuid.estimation.fit import fit as estimate
 from pneuid.estimation.preparation import prepare
@@ -331,7 +331,7 @@ def _curve(fit: Fit, joint: Joint) -> Curve:
     """Shape and band of the first term."""
     term, part = joint.terms[0], joint.amplitudes[0]
     at = np.linspace(*visited(fit.runs, term, fit), POINTS)
-    columns = np.array(curve_columns(term, {**fit.ranges, "patm": fit.plant.rig.patm}, at))
+    columns = np.array(curve_columns(term, known_ranges(fit), at))
     covariance = joint.covariance[: part.size, : part.size]
     std = np.sqrt(np.maximum(np.einsum("in,ij,jn->n", columns, covariance, columns), 0.0))
     value = part @ columns
