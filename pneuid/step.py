@@ -22,6 +22,9 @@ from pneuid.plant import Plant, once_per_structure
 BRISTLE_LIMIT = 1.4
 DAMPING_LIMIT = 1.0
 CHAMBER_LIMIT = 1.5
+SHORT = 0.51e-3
+"""Sample time in s, half a millisecond and what a clock is off, that one step may take."""
+
 LARGEST_SUBSTEPS = 40
 """More substeps than this per sample mean a sample rate too low for the friction asked for."""
 
@@ -140,9 +143,11 @@ def stable_upper_bounds(plant: Plant, theta: np.ndarray, interval: float, subste
 
 
 def substeps_needed(plant: Plant, theta: np.ndarray, interval: float) -> int:
-    """Substeps per sample of ``interval`` seconds that keep the step inside its limits, at least 2 on a servo rig."""
+    """Substeps per sample of ``interval`` seconds that keep the step inside its limits, on a servo rig at least 2 of more than
+    half a millisecond."""
     rates = fastest_rates(plant, theta)
     if not rates:
         return 1
     limits = {"bristle": BRISTLE_LIMIT, "damping": DAMPING_LIMIT, "chamber": CHAMBER_LIMIT}
-    return max(2, *(int(np.ceil(interval * rates[name] / limits[name])) for name in rates))
+    least = 1 if interval <= SHORT else 2
+    return max(least, *(int(np.ceil(interval * rates[name] / limits[name])) for name in rates))

@@ -278,6 +278,8 @@ def test_a_lighter_load_needs_more_substeps_and_a_bench_needs_one():
     assert needs[1] > needs[0]
     bench = Plant(rig("bench"), "lugre")
     assert substeps_needed(bench, bench.theta(values_of(bench), RANGES), 1e-3) == 1
+    # a step is as long at 2 kHz as at 1 kHz
+    assert [substeps_needed(heavy, heavy.theta(values_of(heavy), RANGES), dt) for dt in (1e-3, 5e-4)] == [2, 1]
     assert fastest_rates(bench, bench.theta(values_of(bench), RANGES)) == {}
     assert stable_upper_bounds(bench, bench.theta(values_of(bench), RANGES), 1e-3, 1) == {}
 
