@@ -15,7 +15,6 @@ from scipy.signal import step as step_response
 from pneuid.effect import INTEGRATION_TIME, integrated
 from pneuid.effects import CATALOGUE
 from pneuid.effects.backlash import _DAMPING
-from pneuid.effects.end_cushion import _CLEARANCE
 from pneuid.physics.gas import R_AIR, RHO_REFERENCE
 from pneuid.physics.motion import end_stop_force
 from pneuid.plant import Plant
@@ -235,7 +234,11 @@ def test_an_oscillating_mount_asks_for_its_own_step():
 
 
 _CUSHION = plant_with("end_cushion")
-_SHUT = {"cushion_1": 0.8, "cushion_2": 0.6, "L_cushion": 0.03, "tau_needle_1": 0.1, "tau_needle_2": 0.1}
+_CLEARANCE = 1.0e-3
+_SHUT = {
+    "cushion_1": 0.8, "cushion_2": 0.6, "L_cushion": 0.03, "rest_cushion": _CLEARANCE, "taper_cushion": 0.0,
+    "tau_needle_1": 0.1, "tau_needle_2": 0.1,
+}  # fmt: skip
 _NO_CUSHION = {"cushion_1": 0.0, "cushion_2": 0.0}
 
 
@@ -247,7 +250,7 @@ def test_a_shut_cushion_keeps_the_mass_of_its_air(share, over, v, u, tau):
     """Ring and rest of the chamber together gain what flows through the port, and nothing else."""
     plant, rig_ = _CUSHION, _CUSHION.rig
     state = {"x": 0.001, "p1": 5e5, "p2": 5e5, "v": v, "dp_ring_1": over}
-    on = {"cushion_1": share, "cushion_2": 0.0, "L_cushion": 0.03, "tau_needle_1": tau, "n": 1.25}
+    on = {"cushion_1": share, "cushion_2": 0.0, "L_cushion": 0.03, "rest_cushion": _CLEARANCE, "tau_needle_1": tau, "n": 1.25}
     found = rates(plant, state, on, u)
     V, growth = rig_.V01 + rig_.A1 * 0.001, rig_.A1 * v
     ring = share * rig_.A1 * (0.001 + _CLEARANCE)
@@ -285,6 +288,16 @@ def test_a_check_valve_lets_air_in_within_its_time_and_out_through_the_needle_al
         )
         assert sucked == pytest.approx(5e4 / tau, rel=0.02)
         assert -1e-2 * sucked < pressed < 0.0
+
+
+def test_a_spigot_that_tapers_closes_the_orifice_as_it_goes_in():
+    """Three times as narrow at the end as at the entry, in proportion to the way between."""
+    drained = []
+    for x in (0.0, 0.015):
+        state = {"x": x, "p1": 2e5, "p2": 2e5, "v": 0.0, "dp_ring_1": 6e5}
+        plain, tapered = (rates(_CUSHION, state, _SHUT | {"taper_cushion": k}, 0.0)["dp_ring_1"] for k in (0.0, 2.0))
+        drained.append(tapered / plain)
+    assert drained == pytest.approx([1.0 / 3.0, 2.0 / 3.0], rel=0.01)
 
 
 @pytest.mark.parametrize("over", [1e2, 5e4, 5e6])

@@ -16,23 +16,23 @@ _SOURCE = "Beater, Pneumatic Drives (Springer 2007), chapter on linear drives (e
 
 _NEEDLE = "ISO 6358-1:2013, eq. (1) and (2)"
 
-_EDGE = 5.0e-4
-"""Length in m over which the seal on the spigot closes the free passage."""
-
 _OPEN = 2.0e-3
 """Time constant in s by which ring and chamber become one through the free passage."""
 
-_CLEARANCE = 1.0e-3
-"""What is left of the ring's length at the end of the stroke, m; tubes and ports belong to the rest of the chamber."""
-
-_CRACKS, _CHECK = 4.0e3, 1.0e3
-"""Pressure difference in Pa at which the check valve opens, and over which."""
+_CHECK = 1.0e3
+"""Pressure difference in Pa over which the check valve opens."""
 
 _CRITICAL = 0.3
 """Critical pressure ratio of the needle, an orifice without a long passage (ISO 6358: 0.2 to 0.5)."""
 
 _LAMINAR = 0.01
 """Overpressure, as a share of the ring's pressure, below which the needle's flow is proportional to it."""
+
+_LOOKS = (
+    {"L_cushion": 0.0125}, {"L_cushion": 0.05},
+    {"tau_needle_1": 0.045, "tau_needle_2": 0.045}, {"tau_needle_1": 0.9, "tau_needle_2": 0.9},
+)  # fmt: skip
+"""Lengths and needles a prior deviation off: a cushion that is shorter than usual shows little of itself as a long one."""
 
 
 class _Side(NamedTuple):
@@ -55,11 +55,13 @@ class EndCushion(Effect):
     """Within ``L`` of the end a spigot shuts the volume before a share ``a`` of the piston's area off from the port.
 
     The ring's pressure ``p + dp`` is no sensor's: it brakes with ``a A dp``, rises as the ring is compressed, drains through a
-    needle, and what is left of the chamber empties the faster for it. A check valve lets air in, within ``tau_c``. The needle
-    is an orifice by ISO 6358-1: ``tau = a A L / (n R T C rho_0)`` is the time constant of a ring beside a far larger chamber
-    at the cushion's entry, while the flow is choked; it drains ``psi / (1 - r)`` times as fast, ``r = p/(p + dp)``. ``a_1,
-    dp_1, tau_1`` are those of the cap end (chamber 1), ``a_2, dp_2, tau_2`` of the rod end. ``s = 1/(1 + exp((distance - L)/
-    (0.5 mm)))`` shuts. Typical: a 0.6 to 0.9, L 10 to 30 mm, tau 50 ms to 2 s, tau_c 1 to 5 ms.
+    needle, and what is left of the chamber empties the faster for it. A check valve that cracks at ``p_c`` lets air in, within
+    ``tau_c``. The needle is an orifice by ISO 6358-1: ``tau = a A (L + L_0) / (n R T C rho_0)`` is the time constant of a ring
+    beside a far larger chamber at the cushion's entry, while the flow is choked; it drains ``psi / (1 - r)`` times as fast,
+    ``r = p/(p + dp)``. Of the ring's length ``L_0`` is left at the end of the stroke. A spigot that tapers closes the orifice
+    as it goes in, from ``C`` to ``C / (1 + k_c)``. ``a_1, dp_1, tau_1`` are those of the cap end (chamber 1), ``a_2, dp_2,
+    tau_2`` of the rod end. ``s = 1/(1 + exp((distance - L)/e_c))`` shuts. Typical: a 0.6 to 0.9, L 10 to 30 mm, tau 50 ms to
+    2 s, tau_c 1 to 5 ms, L_0 0.5 to 5 mm, p_c up to 10 kPa.
     """
 
     name = "end_cushion"
@@ -68,15 +70,20 @@ class EndCushion(Effect):
     reference = _SOURCE
     experiment = "fast strokes into both ends"
     confused_with = ("valve_asymmetry",)
+    looks = _LOOKS
     rigs = ("servo",)
     states = (State("dp_ring_1", "Pa", 0.0, 1e4, 3e4), State("dp_ring_2", "Pa", 0.0, 1e4, 3e4))
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Share of the area that is shut off at each end, over which length, and the time constants of its valves."""
+        """Share of the area that is shut off at each end, over which length, and what spigots, valves and needles are like."""
         return (
             Parameter("cushion_1", "a_1", "1", 0.0, 0.95, 0.0, 0.2, _SOURCE, off=0.0),
             Parameter("cushion_2", "a_2", "1", 0.0, 0.95, 0.0, 0.2, _SOURCE, off=0.0),
             Parameter("L_cushion", "L", "m", 2e-3, 0.1, 0.025, 1.0, _SOURCE, positive=True, prior=0.7),
+            Parameter("rest_cushion", "L_0", "m", 2e-4, 0.03, 1e-3, 1.0, _SOURCE, positive=True, prior=1.0),
+            Parameter("taper_cushion", "k_c", "1", 0.0, 10.0, 0.3, 0.5, _SOURCE, prior=1.0),
+            Parameter("edge_cushion", "e_c", "m", 1e-4, 5e-3, 5e-4, 1.0, _SOURCE, positive=True, prior=0.7),
+            Parameter("crack_check", "p_c", "Pa", -1e3, 3e4, 4e3, 1e3, _SOURCE, prior=3e3),
             Parameter("tau_check", "tau_c", "s", 5e-4, 0.05, 1e-3, 1.0, _SOURCE, positive=True, prior=1.0),
             Parameter("tau_needle_1", "tau_1", "s", 5e-3, 20.0, 0.2, 1.0, _NEEDLE, positive=True, prior=1.5),
             Parameter("tau_needle_2", "tau_2", "s", 5e-3, 20.0, 0.2, 1.0, _NEEDLE, positive=True, prior=1.5),
@@ -120,15 +127,17 @@ def _side(
     """One end with ``room`` (m) left before it, which the piston leaves at ``speed``: its chamber's ``p, mdot, V, A``, the
     ring's overpressure ``over``, and the end's own ``share`` and ``tau``."""
     length = scope.p.L_cushion
-    shut = 0.5 * (1.0 - ca.tanh((room - length) / (2 * _EDGE)))
-    trapped = 0.5 * (1.0 + ca.tanh((over + _CRACKS) / _CHECK))
-    room = ca.fmax(room, 0.0) + _CLEARANCE
+    shut = 0.5 * (1.0 - ca.tanh((room - length) / (2 * scope.p.edge_cushion)))
+    trapped = 0.5 * (1.0 + ca.tanh((over + scope.p.crack_check) / _CHECK))
+    inside = ca.fmin(ca.fmax(room, 0.0) / length, 1.0)
+    room = ca.fmax(room, 0.0) + scope.p.rest_cushion
     ring = share * A * room
     rest, entering = V - ring, R_AIR * scope.rig.T * mdot
     smaller = scope.n / rest * (entering - p * (1.0 - share) * A * speed)
     whole = scope.n / V * (entering - p * A * speed)
     # what leaves the ring fills the rest as well, the less there is of it the more
-    needle = shut * (length + _CLEARANCE) / (room * tau) * _eased(over, p) * V / rest
+    open_by = (1.0 + scope.p.taper_cushion * inside) / (1.0 + scope.p.taper_cushion)
+    needle = shut * (length + scope.p.rest_cushion) / (room * tau) * open_by * _eased(over, p) * V / rest
     exchange = needle + (1.0 - shut) / _OPEN + (1.0 - trapped) / scope.p.tau_check
     pressed = -scope.n * speed / room
     return _Side(ring / V, over, exchange, shut * pressed, shut * (p * pressed - smaller), shut * (smaller - whole))
