@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -38,6 +39,9 @@ from pneuid.recording import Recording
 from pneuid.rig import Rig
 from pneuid.store import Store
 
+MINUTES = 15.0
+"""Minutes after which a diagnosis finishes what it has begun and looks for nothing more."""
+
 
 @dataclass(frozen=True)
 class IdentifiedModel:
@@ -61,10 +65,14 @@ class IdentifiedModel:
         return compare(self.content, runs, hold_out, self.fitted if _same_runs(self.fitted, runs) else None)
 
     def diagnose(
-        self, runs: Sequence[Recording], hold_out: Sequence[Recording] = (), monitor: Monitor | None = None
-    ) -> Diagnosis:
-        """Which effects of the catalogue are missing; the last run is held out where ``hold_out`` is empty."""
-        return diagnose(self, runs, hold_out, monitor).diagnosis
+        self, runs: Sequence[Recording], hold_out: Sequence[Recording] = (), monitor: Monitor | None = None,
+        minutes: float = MINUTES,
+    ) -> Diagnosis:  # fmt: skip
+        """Which effects of the catalogue are missing; the last run is held out where ``hold_out`` is empty.
+
+        minutes : after these what was begun is finished, nothing more is looked for, and the diagnosis says so.
+        """
+        return diagnose(self, runs, hold_out, monitor, minutes=minutes).diagnosis
 
     def simulate(self, run: Recording) -> dict[str, np.ndarray]:
         """Outputs ``(N,)`` of a free run over the recorded inputs, SI, absolute pressures."""
@@ -209,12 +217,15 @@ def diagnose(
     effect_files: Sequence[str | Path] = (),
     pool: Pool | None = None,
     store: Store | None = None,
+    minutes: float = MINUTES,
 ) -> verdict.Verdict:
     """As ``IdentifiedModel.diagnose``, with the rungs climbed; ``say`` receives a sentence per step.
 
     effect_files : the user's own, whose effects are candidates beside the catalogue's; pool : where refits are made, this
-    process if left out; store : keeps them, and those in it are not made again.
+    process if left out; store : keeps them, and those in it are not made again; minutes : after these what was begun is
+    finished, nothing more is looked for, and the verdict says so.
     """
+    until = time.monotonic() + 60.0 * minutes
     train, held = list(runs), list(hold_out)
     fitted = model.fitted
     if not held:
@@ -227,7 +238,7 @@ def diagnose(
     own = {effect.name: effect for effect in (*model.content.own, *own_of(effect_files))}
     candidates = CATALOGUE | own | LAW_STEPS
     files = tuple(map(str, effect_files))
-    refitter = Refitter(tuple(candidates), monitor, pool or InProcess(), store or Store(), files)
+    refitter = Refitter(tuple(candidates), monitor, pool or InProcess(), store or Store(), files, until)
     found = explained(verdict.diagnose(base, held, candidates, refitter, say), held, say)
     if found.diagnosis.verdict == "ambiguous":
         say("looking for the recording that tells the candidates apart")

@@ -48,6 +48,10 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument("--data", nargs="+", metavar="RUN", default=[], help="recordings the model is refitted on")
     found.add_argument("--hold-out", nargs="+", metavar="RUN", default=[], help="recordings to judge by")
     add_effect_file_option(found)
+    found.add_argument(
+        "--minutes", type=float, default=api.MINUTES, metavar="N",
+        help="finish what was begun after N minutes and look for nothing more (%(default)g)",
+    )  # fmt: skip
     add_running_options(found, "diagnosis", "this one, on all cores,")
     add_output_options(found)
     return found
@@ -58,6 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser().parse_args(arguments)
     if bool(given.model) != bool(given.data):
         raise UserError("MODEL and --data belong together; see --help for an example")
+    if not given.minutes > 0:
+        raise UserError(f"--minutes {given.minutes:g}: give a time above zero")
     check_running(given)
     with open_pool(given.workers or 1, given.scheduler) as pool:
         _diagnose(given, pool)
@@ -78,7 +84,8 @@ def _diagnose(given: argparse.Namespace, pool: Pool) -> None:
     store = Store(folder / KNOWN)
     with Progress() as progress:
         progress.doing("fitting the model again on its relaxed problem")
-        found = api.diagnose(model, runs, held, progress.monitor, progress.doing, given.effect_file, pool, store)
+        how = progress.monitor, progress.doing, given.effect_file, pool, store, given.minutes
+        found = api.diagnose(model, runs, held, *how)
         progress.doing("comparing the model as it was with the recordings")
         comparison = model.compare(runs, held)
     diagnosis = _with_command_file(found.diagnosis, model.content.rig, folder)

@@ -82,7 +82,7 @@ def _walk(monkeypatch, takes):
 
     monkeypatch.setattr(walk, "exchanged", other)
     judge = SimpleNamespace(**vars(JUDGE), trial=lambda fit: fit)
-    going = walking(judge, SimpleNamespace(without=lambda *_: ALONE), BOTH)
+    going = walking(judge, SimpleNamespace(late=lambda: False, without=lambda *_: ALONE), BOTH)
     monkeypatch.setattr(going, "rung", lambda trial, accepted: (trial, accepted))
     monkeypatch.setattr(going, "_record", lambda *_, **__: None)
     standing = [CATALOGUE[name] for name in ("load_spring", "leakage_internal")]

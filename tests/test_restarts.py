@@ -93,8 +93,8 @@ class _Starts:
     An end is the squared error on the training runs, and the cost where it is another one than usual.
     """
 
-    def __init__(self, ends):
-        self.ends, self.asked = ends, []
+    def __init__(self, ends, late=False):
+        self.ends, self.asked, self.late = ends, [], lambda: late
 
     def each(self, _, asked):
         self.asked += asked
@@ -117,7 +117,7 @@ ENDS = {
 that of the data, and from the data alone."""
 
 
-def _settled(monkeypatch, name="friction_lag", servo=True, left=90.0, training=80.0, cheap=27_000.0):
+def _settled(monkeypatch, name="friction_lag", servo=True, left=90.0, training=80.0, cheap=27_000.0, late=False):
     """``cheap`` is what the end costs that predicts the training runs worst: its break-away read anew mends that."""
     plant = SimpleNamespace(servo=servo, rig=SimpleNamespace(mass=1.0, A1=8e-4, A2=7e-4, patm=1e5), law=None)
     current = replace(FIRST, fit=SimpleNamespace(plant=plant))
@@ -129,7 +129,7 @@ def _settled(monkeypatch, name="friction_lag", servo=True, left=90.0, training=8
     judge = SimpleNamespace(small=0.15, fits=lambda _: 1.0, usually_fits=lambda one: one.train["x"], trial=ended)
     mended = lambda one, *_: replace(one, train={"x": 10.0}) if one.train["x"] == 500.0 else one  # noqa: E731
     monkeypatch.setattr(restarts, "read_anew", mended)
-    refitter = _Starts(ENDS)
+    refitter = _Starts(ENDS, late)
     return refitter, restarts.settled(score(name, 5.0), trial, current, judge, refitter, lambda _: None)
 
 
@@ -141,6 +141,11 @@ def test_a_state_of_its_own_starts_from_several_sizes_and_the_best_on_the_traini
     assert [(round(one.start["tau_L"], 3), way_of(one)) for one in refitter.asked] == list(ENDS)
     assert all(one.way == 1.0 for one in refitter.asked)
     assert found.train["x"] == kept
+
+
+def test_other_sizes_are_left_once_the_time_is_over(monkeypatch):
+    refitter, found = _settled(monkeypatch, late=True)
+    assert not refitter.asked and found.train["x"] == 80.0
 
 
 @pytest.mark.parametrize(("cheap", "kept"), [(26_500.0, 10.0), (26_900.0, 40.0)])

@@ -9,7 +9,7 @@ import pytest
 from trials import JUDGE, stub
 
 from pneuid.criticism.decision import verdict
-from pneuid.criticism.decision.diagnosis import Candidate, Unknown
+from pneuid.criticism.decision.diagnosis import Candidate, Diagnosis, Unknown
 
 REST = Unknown("force", ("x",), 1.0, "N")
 
@@ -152,10 +152,36 @@ def test_a_model_that_cannot_follow_its_training_runs_is_not_adequate(after, sai
 def test_what_is_dropped_from_a_walk_is_followed_by_another_round(steps, drops, calls):
     made, steps, drops = [], iter(steps), iter(drops)
     walk = SimpleNamespace(
-        step=lambda: (made.append("s"), next(steps))[1], backward=lambda: (made.append("b"), next(drops))[1]
+        step=lambda: (made.append("s"), next(steps))[1], backward=lambda: (made.append("b"), next(drops))[1],
+        refitter=SimpleNamespace(late=lambda: False),
     )  # fmt: skip
     verdict.climb(walk)  # type: ignore[arg-type]
     assert "".join(made) == calls
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_a_diagnosis_whose_time_was_over_says_so(late, monkeypatch):
+    replaced = {
+        "judge_of": lambda *_: SimpleNamespace(**vars(JUDGE), trial=lambda _: stub(9.0, 1e4), held=()),
+        "too_slow": lambda _: None, "uncovered": lambda *_: [], "climb": lambda _: None,
+        "_verdict": lambda *_: Diagnosis("unknown", (), ()),
+    }  # fmt: skip
+    for name, stand_in in replaced.items():
+        monkeypatch.setattr(verdict, name, stand_in)
+    monkeypatch.setattr(verdict.Walk, "rung", lambda *_: None)
+    base, refitter = SimpleNamespace(plant=None, noise=None), SimpleNamespace(late=lambda: late)
+    found = verdict.diagnose(base, [], {}, refitter=refitter)
+    assert (verdict.OUT_OF_TIME in found.diagnosis.sentences) == late
+
+
+def test_no_round_begins_once_the_time_is_over():
+    made, times = [], iter([False, True, True])
+    walk = SimpleNamespace(
+        step=lambda: made.append("s") or True, backward=lambda: bool(made.append("b")),
+        refitter=SimpleNamespace(late=lambda: next(times)),
+    )  # fmt: skip
+    verdict.climb(walk)  # type: ignore[arg-type]
+    assert "".join(made) == "sb"
 
 
 @pytest.mark.parametrize(

@@ -142,7 +142,7 @@ def test_the_model_without_an_accepted_effect_may_be_better_than_it_was(error, c
     with_effect.fit.plant = SimpleNamespace(effects=[CATALOGUE["load_mass"]])
     smaller = stub(error, cost)
     judge = SimpleNamespace(trial=lambda fit, _added: fit)
-    refitter = SimpleNamespace(without=lambda _fit, name: {"load_mass": smaller}[name])
+    refitter = SimpleNamespace(late=lambda: False, without=lambda _fit, name: {"load_mass": smaller}[name])
     found = better_without((score("load_mass", 100.0), with_effect), FIRST, judge, refitter)
     assert (found is smaller) if better else (found is None)
 
@@ -154,7 +154,7 @@ def test_a_model_that_reaches_an_exact_fit_from_where_an_effect_led_needs_no_eff
     with_effect.fit.plant = SimpleNamespace(effects=[CATALOGUE["load_mass"]])
     with_effect.fit.exact = exact.fit.exact = "an exact fit"
     judge = SimpleNamespace(trial=lambda fit, _added: exact if fit is exact.fit else smaller)
-    refitter = SimpleNamespace(without=lambda *_: smaller.fit, completed=lambda _: exact.fit)
+    refitter = SimpleNamespace(late=lambda: False, without=lambda *_: smaller.fit, completed=lambda _: exact.fit)
     found = better_without((score("load_mass", 100.0), with_effect), FIRST, judge, refitter)
     assert (found is exact) if better else (found is None)
 
@@ -280,7 +280,7 @@ def test_a_better_base_takes_the_place_of_the_first_and_the_effect_must_beat_it(
     monkeypatch.setattr(verdict, "too_slow", lambda _: None)
     monkeypatch.setattr(verdict, "uncovered", lambda *_: [])
     monkeypatch.setattr(verdict, "_verdict", lambda ended, _: Diagnosis("effect", tuple(ended.named), ()))
-    found = verdict.diagnose(base, [], CATALOGUE, refitter=SimpleNamespace())
+    found = verdict.diagnose(base, [], CATALOGUE, refitter=SimpleNamespace(late=lambda: False))
     assert turns[1] is (chosen if named else smaller)
     assert found.base is smaller.fit
     assert found.diagnosis.effects == tuple(named)
@@ -305,7 +305,7 @@ def test_what_is_named_stands_in_order_of_weight_and_what_is_not_missed_is_dropp
     both = stub(1.6, 26_000.0, "valve_null_leakage")
     both.fit.plant = SimpleNamespace(effects=[CATALOGUE[name] for name in ends])
     monkeypatch.setattr(walk, "exchanged", lambda *_: Exchange())
-    going = walking(judge, SimpleNamespace(without=lambda _fit, name: ends[name]), both)
+    going = walking(judge, SimpleNamespace(late=lambda: False, without=lambda _fit, name: ends[name]), both)
     going.first, going.named = stub(9.3, 28_000.0), list(ends)
     for end in ends.values():
         end.fit.plant = SimpleNamespace(effects=[CATALOGUE["valve_null_leakage"]])
@@ -324,7 +324,7 @@ def test_weights_are_told_by_defects_that_all_smaller_models_have(relaxation, na
         end.fit.plant = both.fit.plant
     monkeypatch.setattr(walk, "exchanged", lambda *_: Exchange())
     judge = SimpleNamespace(**vars(JUDGE), trial=lambda fit: fit)
-    going = walking(judge, SimpleNamespace(without=lambda _fit, name: ends[name]), both)
+    going = walking(judge, SimpleNamespace(late=lambda: False, without=lambda _fit, name: ends[name]), both)
     going.first, going.named = stub(2340.0, 33_000.0), ["dead_volume", "line_delay"]
     monkeypatch.setattr(walk.Walk, "_not_missed", lambda *_: False)
     assert not going.backward() and going.named == named

@@ -42,6 +42,9 @@ class Counting:
         self.asked: list[Asked] = []
         self.made: list[str] = []
 
+    def late(self) -> bool:
+        return False
+
     def each(self, _base, asked):
         self.asked = list(asked)
         for one in asked:
@@ -50,7 +53,8 @@ class Counting:
 
 def walking(judge=JUDGE, refitter=None, current=FIRST) -> Walk:
     """A walk from ``current``, by whose refitter no fit leads to an exact one."""
-    return Walk(judge, current, FIRST, CATALOGUE, refitter or SimpleNamespace(completed=lambda fit: fit), lambda _: None)
+    refitter = refitter or SimpleNamespace(completed=lambda fit: fit, late=lambda: False)
+    return Walk(judge, current, FIRST, CATALOGUE, refitter, lambda _: None)
 
 
 def one_round(walk: Walk, scores: list[Score]):

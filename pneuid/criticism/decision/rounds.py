@@ -251,8 +251,8 @@ def second_looks(
             trial = read_anew(trial, judge, refitter, say)
         if name not in known or trial.error < known[name].error:
             looked[name] = score, trial
-        if all_explained(trial, current, judge):
-            break  # nothing is left for the others to explain
+        if all_explained(trial, current, judge) or refitter.late():
+            break  # nothing is left for the others to explain, or no time
     return list(looked.values())
 
 

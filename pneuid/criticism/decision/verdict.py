@@ -68,6 +68,11 @@ BEYOND = (
     "any effect promises, so no more of these were tried"
 )
 
+OUT_OF_TIME = (
+    "the time given was over: what was begun was finished, and more was not looked for; give more by --minutes (with --resume, "
+    "which keeps what was done)"
+)
+
 CANNOT_FOLLOW = "whatever it starts from, a fit of the model cannot follow the training runs: something is missing"
 
 WORST_TENTH = (
@@ -119,6 +124,7 @@ def diagnose(
     walk.moved += [] if slow is None else [slow]
     walk.rungs.append(walk.rung(current, True))
     climb(walk)
+    walk.moved += [OUT_OF_TIME] if walk.refitter.late() else []
     found = _verdict(walk, slow is not None)
     beyond = [] if found.verdict == "adequate" else uncovered(base, judge.held)
     found = replace(found, sentences=(*found.sentences, *walk.moved, *beyond), by_all_runs=walk.by_all_runs)
@@ -129,13 +135,13 @@ def diagnose(
 
 
 def climb(walk: Walk) -> None:
-    """Rounds of the walk until one gains nothing and nothing is dropped from what they led to.
+    """Rounds of the walk until one gains nothing and nothing is dropped from what they led to, or the time is over.
 
     What is dropped was put in for what is still missing: of a load spring and a friction that differs by direction a payload
     stood in for both, and without it the spring alone showed the other.
     """
     for _ in range(MOST_ROUNDS):
-        if not walk.step() and not walk.backward():
+        if not (not walk.refitter.late() and walk.step()) and not walk.backward():
             return
     walk.backward()
 

@@ -266,7 +266,7 @@ class Walk(Ascent):
     def _exchange(self, name: str, smaller: Trial) -> str:
         """The effect that stands in a named one's place: itself, or another that was confused with it."""
         place = frozenset(self.named) - {name}
-        if (name, place) in self.looked_at:
+        if (name, place) in self.looked_at or self.refitter.late():
             return name
         how = self.current, self.judge, self.refitter, list(self.catalogue.values()), self.say
         found = exchanged(name, smaller, *how)
@@ -305,10 +305,11 @@ class Walk(Ascent):
 
     def _round(self, scores: Sequence[Score], tried: Tried) -> tuple[Tried, Chosen | None]:
         """Trials of one round, those ``tried`` at first among them, and the one to accept, if any."""
-        chosen, known, looked, late = self._best(tried), set[str](), False, False
+        chosen, known, looked, rivalled = self._best(tried), set[str](), False, False
         while True:
             # a leading effect that does not bear other starts may have kept others from being looked at
-            open_ones = [] if looked else open_to_second_looks(scores, tried, chosen, self.current, self.first, self.judge)
+            enough = looked or self.refitter.late()
+            open_ones = [] if enough else open_to_second_looks(scores, tried, chosen, self.current, self.first, self.judge)
             if open_ones:
                 known_well = self._known_well()
                 again = second_looks(self.current, open_ones, tried, self.judge, self.refitter, self.say, known_well)
@@ -318,13 +319,13 @@ class Walk(Ascent):
             chosen = chosen or shown_in_training(tried, known, self.current, self.judge)
             if chosen is None:
                 return tried, chosen
-            if chosen[0].effect.name in known:
-                late = True
+            if chosen[0].effect.name in known and not self.refitter.late():
+                rivalled = True
                 tried, chosen = self._with_rivals(scores, tried, chosen)
             if chosen is None or chosen[0].effect.name in known:
                 return tried, chosen
             # a look-alike has taken the place of one whose equals were started again
-            equals = [] if late else worth_the_same_care(chosen, tried, self.current)[:EQUALS]
+            equals = [] if rivalled or self.refitter.late() else worth_the_same_care(chosen, tried, self.current)[:EQUALS]
             behind = set[str]()
             for one in (chosen, *equals):
                 if one[0].effect.name in known or one[0].effect.name in behind:
@@ -376,7 +377,7 @@ class Walk(Ascent):
 
     def _take_two(self, tried: Tried, chosen: Chosen | None, most: float = np.inf) -> bool:
         """Whether two effects were accepted at once, where one alone would leave much; ``most`` as in ``joined``."""
-        if self.current.added is not None or not leaves_much(chosen, self.current):
+        if self.current.added is not None or self.refitter.late() or not leaves_much(chosen, self.current):
             return False
         catalogue = list(self.catalogue.values())
         both = joined(self.current, self.first, tried, chosen, self.judge, self.refitter, catalogue, self.say, most)

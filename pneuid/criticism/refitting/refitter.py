@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -63,7 +65,8 @@ class Refitter:
     """Makes refits.
 
     order : effect names in the order of maps at a shared port; monitor : told of iterations of fits in this process;
-    effect_files : the user's own, read again by other processes.
+    effect_files : the user's own, read again by other processes; until : time by ``time.monotonic`` from which nothing more
+    should be looked for.
     """
 
     order: Sequence[str]
@@ -71,7 +74,12 @@ class Refitter:
     pool: Pool = field(default_factory=InProcess)
     store: Store = field(default_factory=Store)
     effect_files: Sequence[str] = ()
+    until: float = math.inf
     _ended: dict[int, tuple[Fit, Fit]] = field(default_factory=dict)
+
+    def late(self) -> bool:
+        """Whether what was begun should be finished, and nothing more looked for."""
+        return time.monotonic() > self.until
 
     def each(self, base: Fit, asked: Sequence[Asked]) -> Iterator[tuple[Asked, Callable[[], Fit]]]:
         """What is asked for, in its order, each with a function that makes its fit or waits for it.

@@ -82,7 +82,7 @@ def settled(score: Score, trial: Trial, current: Trial, judge: Judge, refitter: 
         return trial
     best = followed(read_anew(trial, judge, refitter, say), current, judge, refitter, say)
     sizes = large_starts(current, score, SIZES)
-    if not sizes or _next_to_nothing(best, current, judge):
+    if not sizes or refitter.late() or _next_to_nothing(best, current, judge):
         return best
     say(f"{trial.added}: from other sizes")
     ways = {"anew": False}, {"anew": True}, {"cold": True}
