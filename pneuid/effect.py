@@ -23,7 +23,7 @@ EQUATIONS = ("valve", "flow_1", "flow_2", "pressure_1", "pressure_2", "friction"
 
 
 PORTS = (
-    "mass", "valve", "edges", "supply", "critical_ratio", "subsonic_index", "flows", "volumes",
+    "mass", "valve", "edges", "supply", "critical_ratio", "subsonic_index", "drawn", "flows", "volumes",
     "pressure_rates", "coefficients", "stribeck_speed", "friction", "force", "sensor",
 )  # fmt: skip
 """Methods of ``Effect`` that are ports."""
@@ -103,7 +103,7 @@ class Scope:
     b: Expression = None
     """Critical pressure ratio of the valve's edges, as effects leave it."""
     supply_flow: Expression = None
-    """Mass flow drawn from the supply, kg/s."""
+    """Mass flow drawn from the supply, kg/s, as effects leave it once their flows are known."""
     full_flow: Expression = None
     """Choked flow from the nominal supply through the fully open valve, kg/s."""
     valve_flow_1: Expression = None
@@ -236,6 +236,10 @@ class Effect:
     def supply(self, psup: Expression, scope: Scope) -> Expression:
         """Absolute pressure at the valve's supply port, Pa."""
         return psup
+
+    def drawn(self, supply_1: Expression, supply_2: Expression, scope: Scope) -> tuple[Expression, Expression]:
+        """Mass flows that the supply edges towards both chambers draw, kg/s."""
+        return supply_1, supply_2
 
     def flows(self, mdot1: Expression, mdot2: Expression, scope: Scope) -> tuple[Expression, Expression]:
         """Mass flows into the chambers, kg/s (``flow_1``, ``flow_2``)."""

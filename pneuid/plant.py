@@ -276,6 +276,7 @@ class Plant:
             scope.supply_flow, scope.full_flow = supply_1 + supply_2, th["C"] * RHO_REFERENCE * known["psup"]
         V1, V2 = th["V01"] + th["A1"] * x, th["V02"] + th["A2"] * (th["stroke"] - x)
         for effect, scope in zip(self.effects, scopes, strict=True):
+            supply_1, supply_2 = effect.drawn(supply_1, supply_2, scope)
             mdot1, mdot2 = effect.flows(mdot1, mdot2, scope)
             V1, V2 = effect.volumes(V1, V2, scope)
         # a solver's trial point may lie beyond the end stops, where the volume must stay positive
@@ -285,6 +286,7 @@ class Plant:
         rate2 = chamber.pressure_rate(p2, V2, -th["A2"] * v, mdot2, th["n"], th["T"])
         for scope in scopes:
             scope.mdot1, scope.mdot2, scope.V1, scope.V2, scope.n = mdot1, mdot2, V1, V2, th["n"]
+            scope.supply_flow = supply_1 + supply_2
         for effect, scope in zip(self.effects, scopes, strict=True):
             rate1, rate2 = effect.pressure_rates(rate1, rate2, scope)
         for scope in scopes:

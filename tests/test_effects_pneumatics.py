@@ -255,6 +255,19 @@ def test_what_stands_in_series_with_the_valve_knows_its_fitted_critical_ratio(na
         assert float(getattr(fitted, flow)) == pytest.approx(float(getattr(stated, flow)), rel=1e-9)
 
 
+@pytest.mark.parametrize("u", [6.0, -6.0])
+def test_a_supply_is_drawn_what_arrives_behind_the_tube(u):
+    plant, own = plant_with("supply_droop", "line_delay"), {"r_line": 3.0, "r_supply": 0.0}
+    point = {"u": u, "p1": 5e5, "p2": 5e5}
+    tube = at(plant_with("line_delay"), point, {"r_line": 3.0})
+    # q_drop follows the flow drawn, in flows through the fully open valve
+    source, decay = at(plant, point, own).relaxing[1]
+    plain = at(plant_with("supply_droop"), point, {"r_supply": 0.0}).relaxing[1]
+    free = at(plant_with(), point)
+    arriving = max(float(tube.mdot1), float(tube.mdot2)) / max(float(free.mdot1), float(free.mdot2))
+    assert float(source) / float(decay) == pytest.approx(arriving * float(plain[0]) / float(plain[1]), rel=1e-3)
+
+
 def test_a_tube_leaves_a_choked_edge_alone_when_it_fills_and_takes_its_share_when_it_vents():
     pressures = {"u": 10.0, "p1": rig().patm, "p2": 6e5}
     with_it, without = at(plant_with("line_delay"), pressures, {"r_line": 0.05}), at(plant_with(), pressures)

@@ -66,6 +66,12 @@ class LineDelay(Effect):
             Parameter("lengths_line", "l_l", "1", 0.2, 5.0, 1.0, 0.3, _SOURCE, positive=True, prior=0.4),
         )
 
+    def drawn(self, supply_1: Expression, supply_2: Expression, scope: Scope) -> tuple[Expression, Expression]:
+        """What the tubes' resistance leaves of both in the long run."""
+        R, (longer_1, longer_2) = scope.p.r_line * (scope.opening_1 + scope.opening_2) ** 2, _longer(scope)
+        share_1 = share_filling(longer_1 * R, scope.p1, scope.psup, scope.b)
+        return supply_1 * share_1, supply_2 * share_filling(longer_2 * R, scope.p2, scope.psup, scope.b)
+
     def flows(self, mdot1: Expression, mdot2: Expression, scope: Scope) -> tuple[Expression, Expression]:
         """Replace the valve's flow by what arrives of it; states count in flows through the fully open valve."""
         arriving_1, arriving_2 = (arriving * scope.full_flow for arriving, _ in self._followed(scope))
