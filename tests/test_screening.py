@@ -359,6 +359,7 @@ def test_what_promises_far_less_than_another_is_looked_at_with_other_shapes(long
             return Change(effect, drop, {}, np.zeros(1), np.zeros(1), self.shapes)
 
     effects = [CATALOGUE["friction_lag"], CATALOGUE["end_cushion"]]
+    monkeypatch.setattr(type(effects[1]), "looks", ())  # those it names are looked at whatever it promises
     batch = SimpleNamespace(chosen=effects, amplitudes=[], of=lambda _: [], nodes=None, plant=Plant(rig(), "lugre", effects))
     batch.followed = lambda moved: moved
     monkeypatch.setattr(module, "_Columns", Promising)

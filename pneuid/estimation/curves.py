@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from pneuid.estimation.assembly import relaxed_system
 from pneuid.estimation.factor import factorised
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.preparation import Run
+from pneuid.plant import Plant
 
 POINTS = 121
 """Places along the signal at which a shape is stored."""
@@ -60,17 +61,17 @@ def curves_of(fit: Fit) -> tuple[Curve, ...]:
     return tuple(_curve(fit, effect, names, covariance) for effect in splines)
 
 
-def known_ranges(fit: Fit) -> dict[str, float]:
-    """What places a signal within its knots, SI: the ranges of a fit's data, ambient pressure and the stated supply."""
-    rig = fit.plant.rig
-    return {**fit.ranges, "patm": rig.patm, "supply_nominal": rig.supply if fit.plant.servo else rig.patm}
+def known_ranges(plant: Plant, ranges: Mapping[str, float]) -> dict[str, float]:
+    """What places a signal within its knots, SI: the ``ranges`` of the data, ambient pressure and the stated supply."""
+    rig = plant.rig
+    return {**ranges, "patm": rig.patm, "supply_nominal": rig.supply if plant.servo else rig.patm}
 
 
 def _curve(fit: Fit, effect: Spline, names: Sequence[str], covariance: np.ndarray) -> Curve:
     term = effect.term
     low, high = visited(fit.runs, term, fit)
     at = np.linspace(low, high, POINTS)
-    columns = np.array(curve_columns(term, known_ranges(fit), at))
+    columns = np.array(curve_columns(term, known_ranges(fit.plant, fit.ranges), at))
     index = [names.index(name) for name in effect.amplitudes]
     value = np.array([fit.values[name] for name in effect.amplitudes]) @ columns
     std = np.sqrt(np.maximum(np.einsum("in,ij,jn->n", columns, covariance[np.ix_(index, index)], columns), 0.0))

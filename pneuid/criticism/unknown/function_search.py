@@ -331,7 +331,7 @@ def _curve(fit: Fit, joint: Joint) -> Curve:
     """Shape and band of the first term."""
     term, part = joint.terms[0], joint.amplitudes[0]
     at = np.linspace(*visited(fit.runs, term, fit), POINTS)
-    columns = np.array(curve_columns(term, known_ranges(fit), at))
+    columns = np.array(curve_columns(term, known_ranges(fit.plant, fit.ranges), at))
     covariance = joint.covariance[: part.size, : part.size]
     std = np.sqrt(np.maximum(np.einsum("in,ij,jn->n", columns, covariance, columns), 0.0))
     value = part @ columns

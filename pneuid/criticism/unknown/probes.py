@@ -20,6 +20,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from pneuid.cores import threads
 from pneuid.effect import Effect, Parameter, Scope
 from pneuid.effects._spline import LEAST_FRICTION, Term, columns
+from pneuid.estimation.curves import known_ranges
 from pneuid.estimation.first_guess import BREAK_AWAY
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.shooting import Shooting, relaxed_smoothing
@@ -179,8 +180,8 @@ class Probed(Shooting):
             name: self.data[1 + i].reshape(self.nint, self.samples) for i, name in enumerate(self.plant.inputs)
         } | states  # fmt: skip
         found = Scope(
-            rig=SimpleNamespace(**self.ranges, patm=rig.patm, stroke=rig.stroke), smoothing=FINE, p=SimpleNamespace(),
-            state=SimpleNamespace(),
+            rig=SimpleNamespace(**known_ranges(self.plant, self.ranges), stroke=rig.stroke), smoothing=FINE,
+            p=SimpleNamespace(), state=SimpleNamespace(),
         )  # fmt: skip
         for name in ("x", "v", "p1", "p2", "psup"):
             setattr(found, name, given.get(name))
