@@ -53,7 +53,7 @@ class FrictionDwell(Effect):
     experiment = "break-away by slow ramps after dwells of different length"
     confused_with = ("friction_lag", "friction_warmup")
     guarantees = ("dissipative",)
-    states = (State("age", "s", 0.2, 10.0, 0.1),)
+    states = (State("age", "s", 0.2, 1.0, 0.1),)
 
     def parameters(self, rig: Rig, law: FrictionLaw) -> tuple[Parameter, ...]:
         """Rise of the static friction after a long rest, its time constant and power, the slip that wipes it out, the speed
