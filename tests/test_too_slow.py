@@ -53,7 +53,8 @@ def test_slow_recordings_are_not_asked_for_what_acts_on_the_piston(slow, monkeyp
     monkeypatch.setattr(verdict, "_rest", lambda _: None)
     monkeypatch.setattr(Walk, "rung", lambda *_: None)
     monkeypatch.setattr(Walk, "step", lambda own: known.append(set(own.catalogue)) or False)
-    found = verdict.diagnose(SimpleNamespace(plant=None, noise=None), [], CATALOGUE, SimpleNamespace()).diagnosis
+    fitted, refitter = SimpleNamespace(plant=None, noise=None), SimpleNamespace(late=lambda: False)
+    found = verdict.diagnose(fitted, [], CATALOGUE, refitter).diagnosis
     forces = {"gravity", "mounting_compliance", "friction_direction"}
     assert "leakage_internal" in known[0] and (known[0] & forces == (forces if slow is None else set()))
     assert found.verdict == ("unknown" if slow is None else "adequate")
