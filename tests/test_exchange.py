@@ -72,7 +72,7 @@ def test_one_that_costs_less_and_predicts_the_training_runs_worse_takes_no_place
     assert _asked(monkeypatch, (error, 26_500.0), judge=judge)[0] == named
 
 
-def _walk(monkeypatch, takes):
+def _walk(monkeypatch, takes, late=False):
     """A walk that named a spring beside a leak, going backward, and the effects that another was sought for."""
     sought = []
 
@@ -82,7 +82,7 @@ def _walk(monkeypatch, takes):
 
     monkeypatch.setattr(walk, "exchanged", other)
     judge = SimpleNamespace(**vars(JUDGE), trial=lambda fit: fit)
-    going = walking(judge, SimpleNamespace(late=lambda: False, without=lambda *_: ALONE), BOTH)
+    going = walking(judge, SimpleNamespace(late=lambda: late, without=lambda *_: ALONE), BOTH)
     monkeypatch.setattr(going, "rung", lambda trial, accepted: (trial, accepted))
     monkeypatch.setattr(going, "_record", lambda *_, **__: None)
     standing = [CATALOGUE[name] for name in ("load_spring", "leakage_internal")]
@@ -100,6 +100,12 @@ def test_what_takes_the_place_is_named_and_is_the_model_that_the_next_round_star
     assert going.rungs == [(weight, True)] and going.ambiguous == {"gravity": ()}
     assert sought == [("load_spring", BOTH), ("leakage_internal", weight)], "the leak is judged beside what stands now"
     assert not going.backward() and len(sought) == 2, "the same is not asked twice, nor the one that was replaced"
+
+
+def test_once_the_time_is_over_nothing_is_sought_in_the_place_of_another(monkeypatch):
+    weight = stub(9.4, 26_500.0, "gravity")
+    going, sought = _walk(monkeypatch, {"load_spring": Exchange((score("gravity", 900.0), weight))}, late=True)
+    assert not going.backward() and set(going.named) == {"load_spring", "leakage_internal"} and sought == []
 
 
 def test_what_is_not_told_from_what_takes_the_place_is_its_rival(monkeypatch):

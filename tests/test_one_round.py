@@ -51,6 +51,23 @@ def test_where_the_chosen_effect_follows_whole_runs_nothing_alike_starts_again(p
     assert chosen is not None and chosen[0].effect.name == "backlash" and seen == looked_at
 
 
+@pytest.mark.parametrize(
+    ("late", "settled", "more"), [(False, ["backlash", "load_mass"], ["second looks", "led"]), (True, ["backlash"], [])]
+)
+def test_once_the_time_is_over_only_the_chosen_effect_starts_again_and_nothing_else_is_looked_at(
+    late, settled, more, monkeypatch
+):
+    tried = [(score(name, 900.0), stub(error, 25_000.0, name)) for name, error in (("load_mass", 80.0), ("backlash", 60.0))]
+    seen, asked = [], []
+    _at_first(monkeypatch, tried, lambda _, trial, *__: seen.append(trial.added) or trial)
+    monkeypatch.setattr(walk, "open_to_second_looks", lambda *_: [tried[0][0]])
+    monkeypatch.setattr(walk, "second_looks", lambda _current, _scores, found, *_: asked.append("second looks") or found)
+    monkeypatch.setattr(walk, "led", lambda _, found, *__: asked.append("led") or found)
+    refitter = SimpleNamespace(late=lambda: late, completed=lambda fit: fit)
+    chosen = one_round(walking(refitter=refitter), [])[1]
+    assert chosen is not None and chosen[0].effect.name == "backlash" and seen == settled and asked == more
+
+
 def test_three_of_what_promises_as_much_start_again_with_the_chosen_effect(monkeypatch):
     names = ("backlash", "load_mass", "gravity", "friction_lag", "load_spring")
     tried = [(score(name, 900.0), stub(60.0 + i, 25_000.0, name)) for i, name in enumerate(names)]

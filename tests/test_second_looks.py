@@ -38,6 +38,13 @@ def _looks(monkeypatch, errors, scores, tried=(), defects=(), sharper=None, jump
     return refitter, rounds.second_looks(FIRST, scores, list(tried), judge, refitter, lambda _: None, known_well)
 
 
+def test_once_the_time_is_over_no_further_effect_gets_a_second_look(monkeypatch):
+    scores = [score("gravity", 2000.0), score("load_mass", 1900.0)]
+    errors = dict.fromkeys(("gravity", "load_mass"), (90.0, 27_000.0))
+    monkeypatch.setattr(Counting, "late", lambda self: bool(self.made))
+    assert [one.effect.name for one, _ in _looks(monkeypatch, errors, scores)[1]] == ["gravity"]
+
+
 def test_what_is_known_well_is_not_looked_at_again(monkeypatch):
     scores = [score("gravity", 2000.0), score("load_mass", 1900.0)]
     errors = dict.fromkeys(("gravity", "load_mass"), (90.0, 27_000.0))

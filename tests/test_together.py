@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from trials import JUDGE, score, stub, walking
 
-from pneuid.criticism.decision import together
+from pneuid.criticism.decision import together, walk
 from pneuid.criticism.decision.evidence import as_screened
 from pneuid.criticism.decision.walk import Walk
 from pneuid.effects import CATALOGUE
@@ -135,6 +135,14 @@ def test_before_second_looks_two_effects_must_leave_next_to_nothing(most, taken,
     """They leave 3.1 % of the excess."""
     found, _ = _joined(monkeypatch, PAIRS, most=most)
     assert (found is not None) is taken
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_once_the_time_is_over_no_two_effects_are_tried_at_once(late, monkeypatch):
+    asked = []
+    monkeypatch.setattr(walk, "joined", lambda *_: asked.append("two"))
+    at = walking(refitter=SimpleNamespace(late=lambda: late))
+    assert not at._take_two(ALONE, None) and asked == ([] if late else ["two"])
 
 
 def test_both_effects_are_named_ranked_and_one_rung(monkeypatch):
