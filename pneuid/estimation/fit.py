@@ -15,6 +15,7 @@ from pneuid.estimation.exact_end import better, exact_end, likely_end
 from pneuid.estimation.preparation import Run, noise_of, prepare
 from pneuid.estimation.reread import reread
 from pneuid.estimation.shooting import TIGHT, Shooting
+from pneuid.estimation.simulated import Simulated, simulated
 from pneuid.estimation.sliding import sliding_starts
 from pneuid.estimation.solver import INTERRUPTED, Monitor, Outcome
 from pneuid.estimation.stages import (
@@ -54,8 +55,9 @@ takes minutes to get there."""
 class Fit:
     """Result of an identification.
 
-    stage : ``exact`` or ``relaxed``; values : all parameters, SI; ``relaxed`` and ``problem`` are the relaxed solution, on
-    which effects are screened; cost_per_sample : mean squared weighted residual (1 when only noise is left);
+    stage : ``exact`` or ``relaxed``; values : all parameters, SI, on a bench those of ``simulated`` where it is not exact;
+    ``relaxed`` and ``problem`` are the relaxed solution, on which effects are screened; cost_per_sample : mean squared weighted
+    residual (1 when only noise is left);
     defect_level : mean square of the relaxed defects in their own spread; loose : ``loose_cost`` where it is known; lacking :
     whether the exact stage showed that no parameters of the model follow the data (False where it was not asked for).
     """
@@ -82,6 +84,7 @@ class Fit:
     verdicts: dict[str, str]
     notes: tuple[str, ...]
     lacking: bool = False
+    simulated: Simulated | None = None
 
     @property
     def relaxed_values(self) -> dict[str, float]:
@@ -145,10 +148,7 @@ def fit(
     ends = _ends(task, start or {}, exact)
     _, best = min(zip(comparable_costs(*ends), ends, strict=True), key=lambda item: _order(*item))
     best = replace(best, lacking=best.hard is None and any(end.lacking for end in ends))
-    found = result_of(best, levels, time.monotonic() - began)
-    if ends[-1].interrupted:
-        raise Interrupted(replace(found, converged=False, status=f"interrupted, best so far; {found.status}"))
-    return found
+    return _result(best, levels, began, monitor, interrupted=ends[-1].interrupted)
 
 
 def completed(found: Fit, monitor: Monitor | None = None) -> Fit:
@@ -179,10 +179,7 @@ def sharper(found: Fit, monitor: Monitor | None = None) -> Fit:
     problem, soft = tightly(task, before)
     if soft is before[1]:
         return found
-    best = result_of(End(problem, soft), found.noise, found.seconds + time.monotonic() - began)
-    if soft.outcome.status == INTERRUPTED:
-        raise Interrupted(replace(best, converged=False, status=f"interrupted, best so far; {best.status}"))
-    return best
+    return _result(End(problem, soft), found.noise, began - found.seconds, monitor)
 
 
 def near(
@@ -199,8 +196,23 @@ def near(
     task = Task(plant, [run.recording for run in runs], tuple(runs), nodes or {}, monitor, again=True)
     task = replace(task, finest=FINER * task.substeps(task.guess | dict(start)), hopeless=hopeless)
     problem, soft = relaxed_fit(task, start, tight_stage)
-    found = result_of(End(problem, soft), dict(noise), time.monotonic() - began)
-    if soft.outcome.status == INTERRUPTED:
+    return _result(End(problem, soft), dict(noise), began, monitor)
+
+
+def _result(end: End, noise: dict[str, float], began: float, monitor: Monitor | None, interrupted: bool = False) -> Fit:
+    """What the stages found, on a bench without an exact fit with the parameters whose simulation follows the runs best.
+
+    Raises ``Interrupted`` with it where they, or that simulation, were stopped.
+    """
+    path = None
+    interrupted = interrupted or end.soft.outcome.status == INTERRUPTED
+    if end.hard is None and not interrupted:
+        try:
+            path = simulated(end.problem, end.soft, monitor)
+        except KeyboardInterrupt:
+            interrupted = True
+    found = result_of(end, noise, time.monotonic() - began, path)
+    if interrupted:
         raise Interrupted(replace(found, converged=False, status=f"interrupted, best so far; {found.status}"))
     return found
 
@@ -310,12 +322,12 @@ def _starts(task: Task, start: Mapping[str, float], exact: bool) -> Iterator[Map
         yield dict(start) | soft
 
 
-def result_of(end: End, noise: dict[str, float], seconds: float) -> Fit:
-    """What the stages found, in one; ``seconds`` is how long it took."""
+def result_of(end: End, noise: dict[str, float], seconds: float, path: Simulated | None = None) -> Fit:
+    """What the stages found, in one; ``seconds`` is how long it took, ``path`` what a simulation follows best."""
     problem, soft, hard = end.problem, end.soft, end.hard
     final = hard.outcome if hard else soft.outcome
     solved = hard.problem if hard else problem
-    misfit = 2 * final.cost / max(problem.weighted, 1)
+    misfit = 2 * (final.cost if path is None else path.cost) / max(problem.weighted, 1)
     spread, words = None, {}
     if hard is not None:
         spread = hard.spread
@@ -324,18 +336,21 @@ def result_of(end: End, noise: dict[str, float], seconds: float) -> Fit:
             spread = replace(spread, std=spread.std * np.sqrt(misfit))
         words = dict(zip(problem.free, verdicts(hard.problem, final.X, spread), strict=True))
     return Fit(
-        plant=problem.plant, runs=problem.runs, values=values_at(solved, final.X), ranges=problem.ranges,
+        plant=problem.plant, runs=problem.runs, values=dict(path.values) if path else values_at(solved, final.X),
+        ranges=problem.ranges,
         noise=noise, substeps=solved.substeps, stage="exact" if hard else "relaxed", converged=final.success,
-        status=_words(end, misfit), cost_per_sample=misfit,
+        status=_words(end, misfit, path), cost_per_sample=misfit,
         defect_level=soft.level, iterations=soft.outcome.iterations + (final.iterations if hard else 0), seconds=seconds,
         relaxed=soft.outcome, loose=soft.loose_cost, problem=problem, exact=final if hard else None,
         exact_problem=solved if hard else None, spread=spread, verdicts=words,
-        notes=tuple(note for run in problem.runs for note in run.notes), lacking=end.lacking,
+        notes=tuple(note for run in problem.runs for note in run.notes), lacking=end.lacking, simulated=path,
     )  # fmt: skip
 
 
-def _words(end: End, misfit: float) -> str:
+def _words(end: End, misfit: float, path: Simulated | None) -> str:
     """How a fit has ended, in words."""
+    if path is not None:
+        return f"{_words(end, misfit, None)}; the parameters are those whose simulation follows whole runs best"
     if end.hard is not None:
         outcome = end.hard.outcome
         words = "exact: continuity holds everywhere" + ("" if outcome.success else f" ({outcome.status})")

@@ -13,6 +13,7 @@ from pneuid.estimation.fit import Fit, result_of
 from pneuid.estimation.own import declared
 from pneuid.estimation.preparation import Run
 from pneuid.estimation.shooting import Shooting, relaxed_smoothing
+from pneuid.estimation.simulated import Simulated
 from pneuid.estimation.solver import Outcome
 from pneuid.estimation.stages import End, Relaxed
 from pneuid.plant import Plant
@@ -24,8 +25,8 @@ _MAY_DIVERGE = ("cost", "penalty", "level", "loose_cost")
 class Solution:
     """What a relaxed fit found.
 
-    started : parameters (SI) that the problem was set up with; X : its variables; samples : per interval; the rest as in
-    ``Outcome``, ``Relaxed`` and ``Shooting``.
+    started : parameters (SI) that the problem was set up with; X : its variables; samples : per interval; simulated : of a
+    bench, values and cost; the rest as in ``Outcome``, ``Relaxed`` and ``Shooting``.
     """
 
     law: str
@@ -44,6 +45,7 @@ class Solution:
     seconds: float
     level: float
     loose_cost: float | None
+    simulated: dict[str, Any] | None
 
     @classmethod
     def of(cls, fit: Fit) -> Self:
@@ -53,6 +55,7 @@ class Solution:
             fit.plant.law.name, tuple(effect.name for effect in fit.plant.effects), dict(problem.values), dict(fit.ranges),
             problem.substeps, problem.samples, problem.relaxation, tuple(soft.X.tolist()), soft.cost, soft.penalty, soft.status,
             soft.success, soft.iterations, soft.seconds, fit.defect_level, fit.loose,
+            None if fit.simulated is None else {"values": dict(fit.simulated.values), "cost": fit.simulated.cost},
         )  # fmt: skip
 
     @classmethod
@@ -75,7 +78,8 @@ class Solution:
         found = Outcome(
             np.array(self.X), self.cost, self.penalty, self.status, self.success, self.iterations, self.seconds
         )
-        return result_of(End(problem, Relaxed(found, self.level, self.loose_cost)), dict(noise), self.seconds)
+        path = None if self.simulated is None else Simulated(**self.simulated)
+        return result_of(End(problem, Relaxed(found, self.level, self.loose_cost)), dict(noise), self.seconds, path)
 
 
 def _plain(number: float | None) -> float | str | None:

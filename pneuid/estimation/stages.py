@@ -193,7 +193,7 @@ def exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Ex
 
     Raises ``KeyboardInterrupt`` where it is stopped: before continuity holds there is no better point than the relaxed one.
     """
-    fine = _like(problem, soft.X, problem.substeps)
+    fine = finely(problem, soft.X, problem.substeps)
     return _finished(fine, _straight(fine, soft, monitor), monitor)
 
 
@@ -204,7 +204,7 @@ def exact_by_windows(
 
     ``slack`` as in ``grown``.
     """
-    fine = _like(problem, soft.X, problem.substeps)
+    fine = finely(problem, soft.X, problem.substeps)
     windows = grown(fine, X, NEAR_RELAXED * (soft.cost + soft.penalty), monitor, slack=slack)
     return _finished(fine, windows.path, monitor), windows
 
@@ -216,7 +216,7 @@ def _finished(fine: Shooting, path: Outcome | None, monitor: Monitor | None) -> 
     spread = uncertainty(fine, path.X)
     wanted = _accurate_substeps(fine, path.X, spread)
     if wanted > fine.substeps:
-        fine = _like(fine, path.X, wanted)
+        fine = finely(fine, path.X, wanted)
     hard = polished(fine, path.X, path.cost * 1.02, monitor)
     return Exact(hard, fine, uncertainty(fine, hard.X))
 
@@ -240,7 +240,7 @@ def sharpened(
     ``starts`` (variables of ``problem``) of windows that merge, the likeliest first; None where no continuous path comes near.
     Raises ``KeyboardInterrupt`` where it is stopped.
     """
-    coarse = _like(problem, soft.X, problem.substeps)
+    coarse = finely(problem, soft.X, problem.substeps)
     relaxed = soft.cost + soft.penalty
     path = _straight(coarse, soft, monitor, NEAR) if within_reach(problem, soft) else None
     if path is None or path.cost > NO_DOUBT * relaxed:
@@ -253,7 +253,7 @@ def sharpened(
     wanted = _accurate_substeps(coarse, path.X, expected)
     if wanted == coarse.substeps:
         return Exact(path, coarse, spread)
-    fine, slopes = _like(problem, path.X, wanted), _like(problem, path.X, max(problem.substeps, wanted // COARSER))
+    fine, slopes = finely(problem, path.X, wanted), finely(problem, path.X, max(problem.substeps, wanted // COARSER))
     return Exact(walked(Refined(fine, slopes), path.X, monitor, NEAR), fine, spread)
 
 
@@ -265,8 +265,8 @@ def exact_again(
     None where the path from there is far from what was measured, or the fit's cost from what the relaxed one is ``expected``
     to have. Raises ``KeyboardInterrupt`` where it is stopped.
     """
-    slopes = _like(problem, X, max(problem.substeps, substeps // COARSER))
-    fine = _like(problem, X, substeps) if substeps > slopes.substeps else slopes
+    slopes = finely(problem, X, max(problem.substeps, substeps // COARSER))
+    fine = finely(problem, X, substeps) if substeps > slopes.substeps else slopes
     whole = Chained(fine) if fine is slopes else Refined(fine, slopes)
     if not _reaches(whole, X, expected):
         return None
@@ -292,7 +292,7 @@ def polished(problem: Shooting, X: np.ndarray, limit: float, monitor: Monitor | 
     return walked(Chained(problem), X, monitor)
 
 
-def _like(problem: Shooting, X: np.ndarray, substeps: int) -> Shooting:
+def finely(problem: Shooting, X: np.ndarray, substeps: int) -> Shooting:
     """The same problem at fine smoothing with another step; stiffness bounds follow the step."""
     values = problem.values | dict(zip(problem.free, problem.scaling.to_values(X[: problem.nq]), strict=True))
     made = Shooting(problem.plant, problem.runs, problem.free, values, problem.ranges, substeps, problem.samples)
@@ -325,7 +325,7 @@ def _straight(
 
 def within_reach(problem: Shooting, soft: Outcome) -> bool:
     """Whether the simulation from the relaxed nodes is near enough to what was measured for a path straight from there."""
-    return _reaches(Chained(_like(problem, soft.X, problem.substeps)), soft.X, soft.cost + soft.penalty)
+    return _reaches(Chained(finely(problem, soft.X, problem.substeps)), soft.X, soft.cost + soft.penalty)
 
 
 def _reaches(whole: Chained, X: np.ndarray, relaxed: float) -> bool:

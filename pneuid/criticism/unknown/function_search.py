@@ -40,8 +40,8 @@ SERVO_TERMS = (
 )  # fmt: skip
 """What is screened: equations, signals and sensible pairs.
 
-Not the load cell over the force that it shows: the noise of a bench's measured pressures is in the model's force as well, and
-vanishes where a function of it falls by one newton per newton about the level of every run, beside a friction that is scaled up.
+Not the load cell over the force that it shows: the noise of measured pressures is in the model's force as well,
+and vanishes where a function of it falls by one newton per newton about the level of every run, beside a friction that is scaled up.
 Of three runs that hid nothing it promised a fall of the cost by 2760.
 """
 
@@ -99,7 +99,7 @@ class Found:
     """Unknown terms that explain a rest of ``fit``: joint fit, held-out error (1 = noise only) before and after, the first
     one's shape.
 
-    errors : held-out errors per signal before and after, SI.
+    errors : held-out errors per signal before and after, SI; refit : whether the model was fitted with its terms already.
     """
 
     fit: Fit
@@ -116,6 +116,7 @@ class Found:
     gain: float
     """By how much the relaxed cost of the training runs falls."""
     errors: tuple[Mapping[str, float], Mapping[str, float]]
+    refit: bool = False
 
     def by(self, floor: Mapping[str, float]) -> Found:
         """The same by other noise floors per signal, SI."""
@@ -148,7 +149,9 @@ def search(fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float], 
     def error(joint: Joint | None) -> float:
         return _in_floors(_held_out(fit, joint, hold_out), floor)
 
-    without = _held_out(fit, None, hold_out)
+    # by parameters with jumps, as those of the joint fits are: simulated ones would seem better than any of these
+    standing = fit if fit.simulated is None else replace(fit, values=dict(fit.values) | fit.relaxed_values)
+    without = _held_out(standing, None, hold_out)
     before = _in_floors(without, floor)
     best, after, ties = judged(probing, ranked, before, error)
     curve = _curve(fit, best)
@@ -159,7 +162,14 @@ def search(fit: Fit, hold_out: Sequence[Recording], floor: Mapping[str, float], 
         gain=probing.start_cost - best.cost, errors=(without, _held_out(fit, best, hold_out)),
     )  # fmt: skip
     say(f"{_named(best.terms)}: removes {100 * found.explained:.0f} % of the held-out excess")
-    return found
+    return found if fit.simulated is None else _by_simulation(found, hold_out, floor, say)
+
+
+def _by_simulation(found: Found, hold_out: Sequence[Recording], floor: Mapping[str, float], say: Say) -> Found:
+    """``found`` measured against the simulated parameters of its fit, by those of the model with its terms where they help."""
+    without = _held_out(found.fit, None, hold_out)
+    helps, found = found.explains, replace(found, before=_in_floors(without, floor), errors=(without, found.errors[1]))
+    return refitted(found, found.fit, hold_out, floor, say) if helps else found
 
 
 def refitted(
@@ -169,6 +179,8 @@ def refitted(
 
     The joint fit moves along the base model's derivatives: of a valve whose ports saturate it left three times as much.
     """
+    if found.refit:
+        return found
     say(f"refitting with {_named(found.joint.terms)}")
     plant, start = _with_terms(fit, found.joint)
     end = estimate(plant, [run.recording for run in fit.runs], start, fit.noise, exact=False, prepared=fit.runs, again=True)
@@ -196,8 +208,9 @@ def _where_it_ends(found: Found, fit: Fit, end: Fit, hold_out: Sequence[Recordin
     after = _in_floors(errors, floor)
     before, cost = comparable_costs(fit, end)
     gain = before - cost
-    if not (after < found.after and gain > found.gain):
-        return found
+    # what is simulated need not cost less with jumps
+    if not (after < found.after and (gain > found.gain or end.simulated is not None)):
+        return replace(found, refit=True)
     names = [spline(term).amplitudes for term in found.joint.terms]
     joint = replace(
         found.joint, amplitudes=tuple(np.array([end.values[name] for name in part]) for part in names),
@@ -206,7 +219,7 @@ def _where_it_ends(found: Found, fit: Fit, end: Fit, hold_out: Sequence[Recordin
     curve = _curve(fit, joint)
     return replace(
         found, joint=joint, after=after, curve=curve, rms=_size(joint, Probed(fit)), gain=gain,
-        formula=distilled(joint.terms[0], curve, fit), errors=(found.errors[0], errors),
+        formula=distilled(joint.terms[0], curve, fit), errors=(found.errors[0], errors), refit=True,
     )  # fmt: skip
 
 
