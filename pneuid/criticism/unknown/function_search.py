@@ -40,9 +40,9 @@ SERVO_TERMS = (
 )  # fmt: skip
 """What is screened: equations, signals and sensible pairs.
 
-Not the load cell over the force that it shows: the noise of measured pressures is in the model's force as well,
-and vanishes where a function of it falls by one newton per newton about the level of every run, beside a friction that is scaled up.
-Of three runs that hid nothing it promised a fall of the cost by 2760.
+Not the load cell over the force that it shows: the noise of measured pressures is in the model's force as well, and vanishes
+where a function of it falls by one newton per newton about the level of every run, beside a friction that is scaled up. Of
+three runs that hid nothing it promised a fall of the cost by 2760.
 """
 
 FINER = {"x": (24, 60), "v": (24,)}
