@@ -129,19 +129,24 @@ def test_a_candidate_that_made_things_worse_stays_where_screening_put_it():
 
 
 @pytest.mark.parametrize(
-    ("error", "cost", "better"),
+    ("error", "cost", "training", "better"),
     [
-        (20.0, 26_500.0, True),  # the effect had led out of a local optimum
-        (145.0, 43_000.0, False),  # back where it came from: the fall is the effect's
-        (150.0, 26_500.0, False),
-        (20.0, 42_990.0, False),
+        (20.0, 26_500.0, 1.0, True),  # the effect had led out of a local optimum
+        (145.0, 43_000.0, 1.0, False),  # back where it came from: the fall is the effect's
+        (150.0, 26_500.0, 1.0, False),
+        (20.0, 42_990.0, 1.0, False),
+        (20.0, 45_000.0, 0.6, True),  # out of a wrong break-away, of which the relaxed cost tells little
+        (20.0, 45_000.0, 0.9, False),
+        (150.0, 45_000.0, 0.6, False),
+        (20.0, 48_000.0, 0.6, False),
     ],
 )
-def test_the_model_without_an_accepted_effect_may_be_better_than_it_was(error, cost, better):
+def test_the_model_without_an_accepted_effect_may_be_better_than_it_was(error, cost, training, better):
     with_effect = stub(18.0, 26_400.0, "load_mass")
     with_effect.fit.plant = SimpleNamespace(effects=[CATALOGUE["load_mass"]])
     smaller = stub(error, cost)
-    judge = SimpleNamespace(trial=lambda fit, _added: fit)
+    predicted = {id(smaller): training}
+    judge = SimpleNamespace(trial=lambda fit, _added: fit, usually_fits=lambda trial: predicted.get(id(trial), 1.0))
     refitter = SimpleNamespace(late=lambda: False, without=lambda _fit, name: {"load_mass": smaller}[name])
     found = better_without((score("load_mass", 100.0), with_effect), FIRST, judge, refitter)
     assert (found is smaller) if better else (found is None)
@@ -153,7 +158,7 @@ def test_a_model_that_reaches_an_exact_fit_from_where_an_effect_led_needs_no_eff
     with_effect, smaller, exact = stub(18.0, 42_000.0, "load_mass"), stub(140.0, 43_001.0), stub(error, 43_001.0)
     with_effect.fit.plant = SimpleNamespace(effects=[CATALOGUE["load_mass"]])
     with_effect.fit.exact = exact.fit.exact = "an exact fit"
-    judge = SimpleNamespace(trial=lambda fit, _added: exact if fit is exact.fit else smaller)
+    judge = SimpleNamespace(trial=lambda fit, _added: exact if fit is exact.fit else smaller, usually_fits=lambda _: 1.0)
     refitter = SimpleNamespace(late=lambda: False, without=lambda *_: smaller.fit, completed=lambda _: exact.fit)
     found = better_without((score("load_mass", 100.0), with_effect), FIRST, judge, refitter)
     assert (found is exact) if better else (found is None)

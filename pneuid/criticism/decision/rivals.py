@@ -11,7 +11,7 @@ from pneuid.criticism.decision.all_runs import SURE, TELLING
 from pneuid.criticism.decision.rounds import Say, promised_alike
 from pneuid.criticism.refitting.refits import Asked
 from pneuid.criticism.refitting.refitter import Refitter
-from pneuid.criticism.refitting.restarts import NEXT_TO_NOTHING, follows, typical_start
+from pneuid.criticism.refitting.restarts import CLEARLY, DEARER, NEXT_TO_NOTHING, follows, typical_start
 from pneuid.criticism.refitting.trial import Judge, Trial
 from pneuid.criticism.screening.jumps import jumped
 from pneuid.criticism.screening.scores import Score
@@ -148,7 +148,9 @@ def alike_in_training(tried: Tried, current: Trial) -> list[bool]:
 def better_without(chosen: tuple[Score, Trial], current: Trial, judge: Judge, refitter: Refitter) -> Trial | None:
     """The standing model, fitted again from where the chosen effect led, where it is better there; else None.
 
-    Any effect that leads out of a local optimum would get the credit for what a better start explains.
+    Any effect that leads out of a local optimum would get the credit for what a better start explains. The relaxed cost hardly
+    tells a wrong break-away: beside a play of 0.3 mm it left 41 floors of the held-out runs and 17 of the training runs, read
+    anew 15 and 13 at 4 % more cost, which a skew, a film and a warmth were each said to explain.
     """
     name, trial = chosen[0].effect.name, chosen[1]
     if name not in {effect.name for effect in trial.fit.plant.effects}:
@@ -158,7 +160,8 @@ def better_without(chosen: tuple[Score, Trial], current: Trial, judge: Judge, re
         smaller = judge.trial(refitter.completed(smaller.fit), current.added)
     now, less = costs(current, smaller)
     cheaper = less < now - LEAST_DROP or (smaller.fit.exact is not None and current.fit.exact is None)
-    return smaller if cheaper and smaller.error < current.error else None
+    clearly = judge.usually_fits(smaller) < CLEARLY * judge.usually_fits(current) and less < DEARER * now
+    return smaller if (cheaper or clearly) and smaller.error < current.error else None
 
 
 def led(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge, refitter: Refitter, say: Say) -> Tried:
