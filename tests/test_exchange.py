@@ -19,19 +19,21 @@ BOTH = stub(15.0, 27_000.0, "leakage_internal")
 ALONE = stub(4900.0, 60_000.0, "leakage_internal")
 
 
-def _asked(monkeypatch, end, current=BOTH, screened=("load_spring", "gravity"), inside=True, judge=JUDGE):
+def _asked(monkeypatch, end, current=BOTH, screened=("load_spring", "gravity"), inside=True, judge=JUDGE, mate=None):
     """What does better in the place of the spring where the weight ends at ``end``, in brackets where the runs do not tell the
-    two; and what it was asked of."""
-    seen = []
+    two; and what it was asked of. The same as the weight is an offset that ends at ``mate``, where there is one."""
+    seen, group = [], () if mate is None else ("sensor_offset_F",)
 
     def beside(chosen, _scores, tried, standing, *_):
         seen.append((chosen[0].effect.name, chosen[1], [pair[0].effect.name for pair in tried], standing))
-        return [] if end is None else [(score("gravity", 900.0), stub(*end, "gravity"))]
+        return [] if end is None else [(score("gravity", 900.0, group), stub(*end, "gravity"))]
 
-    monkeypatch.setattr(exchange, "screen", lambda *_: [score(name, 900.0) for name in screened])
+    monkeypatch.setattr(exchange, "screen", lambda *_: [score(name, 900.0) for name in (*screened, *group)])
     monkeypatch.setattr(exchange, "led_there", beside)
     monkeypatch.setattr(exchange, "inside_bounds", lambda *_: inside)
-    found = exchanged("load_spring", ALONE, current, judge, SimpleNamespace(order=()), [], lambda _: None)
+    judge = SimpleNamespace(**vars(judge) | {"trial": lambda end, name: stub(*end, name)})
+    refitter = SimpleNamespace(order=(), led=lambda *_: mate)
+    found = exchanged("load_spring", ALONE, current, judge, refitter, [], lambda _: None)
     rivals = ", ".join(one.effect.name for one, _ in found.rivals)
     return (found.taking[0].effect.name if found.taking else f"({rivals})" if rivals else None), seen
 
@@ -51,6 +53,21 @@ def test_both_kinds_of_runs_must_tell_the_other_from_the_one_that_stands(end, na
     found, seen = _asked(monkeypatch, end)
     assert found == named
     assert seen == [("load_spring", BOTH, ["load_spring"], ALONE)], "led from the model with both, beside the one that stays"
+
+
+@pytest.mark.parametrize(
+    ("end", "mate", "named"),
+    [
+        ((15.02, 27_010.0), (15.02, 27_010.0), "(gravity, sensor_offset_F)"),
+        ((9.4, 26_990.0), (9.4, 26_990.0), "(gravity, sensor_offset_F)"),
+        ((15.02, 27_010.0), (40.0, 35_000.0), "(gravity)"),
+        ((40.0, 35_000.0), (15.02, 27_010.0), None),
+    ],
+)
+def test_what_is_the_same_as_a_rival_is_a_rival(end, mate, named, monkeypatch):
+    """In the place of a spring a weight was as good, and so is what was hidden, an offset of the force sensor."""
+    ALONE.fit.plant = SimpleNamespace(effects=[])
+    assert _asked(monkeypatch, end, mate=mate)[0] == named
 
 
 def test_none_is_sought_where_noise_alone_is_left_or_the_effect_cannot_be_put_back(monkeypatch):

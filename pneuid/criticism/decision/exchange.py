@@ -51,13 +51,17 @@ def exchanged(
     ends = [pair for pair in led_there(standing, scores, [standing], smaller, judge, refitter, say) if inside_bounds(*pair)]
     foretold = [pair for pair in ends if _foretold(pair[1], current, judge)]
     best = min((pair for pair in ends if beats(pair[1], current)), key=lambda pair: pair[1].error, default=None)
-    if best is None or not _foretold(best[1], current, judge):
-        return Exchange(rivals=_rivals(standing, foretold, smaller, judge))
+    how = scores, {name}, ends, smaller, judge, refitter, say
     others = [pair for pair in foretold if pair is not best]
-    if alike(best, [standing], smaller, judge):
-        return Exchange(rivals=(best, *_rivals(standing, others, smaller, judge)))
-    others += _mates(best, scores, {name}, ends, smaller, judge, refitter, say)
-    return Exchange(best, _rivals(best, others, smaller, judge))
+    if best is None or not _foretold(best[1], current, judge):
+        rivals = _rivals(standing, foretold, smaller, judge)
+    elif alike(best, [standing], smaller, judge):
+        rivals = (best, *_rivals(standing, others, smaller, judge))
+    else:
+        return Exchange(best, _rivals(best, [*others, *_mates(best, *how)], smaller, judge))
+    # what is the same as a rival may be as good
+    mates = [pair for one in rivals[:1] for pair in _mates(one, *how) if _foretold(pair[1], current, judge)]
+    return Exchange(rivals=(*rivals, *_rivals(standing, mates, smaller, judge)))
 
 
 def _foretold(trial: Trial, current: Trial, judge: Judge) -> bool:
@@ -76,9 +80,10 @@ def _mates(
     best: Pair, scores: Sequence[Score], known: set[str], ends: Tried, smaller: Trial, judge: Judge, refitter: Refitter,
     say: Say,
 ) -> Tried:  # fmt: skip
-    """Trials with the group mates of what takes the place that have not been looked at, from where that one led.
+    """Trials with the group mates of what may take the place that have not been looked at, from where that one led.
 
-    On a bench an offset of the force sensor took the place of a friction by direction; a weight is the same constant.
+    On a bench an offset of the force sensor took the place of a friction by direction; a weight is the same constant. In the
+    place of a spring a weight was as good; the offset, which was hidden, is the same.
     """
     known = known | {score.effect.name for score, _ in ends} | {other.name for other in smaller.fit.plant.effects}
     found = []
