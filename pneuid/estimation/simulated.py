@@ -2,7 +2,7 @@
 
 A bench imposes the motion, so that a simulation never goes astray, and what a model leaves need not be excused by jumps. With
 those a force that is averaged over 16 ms, named as a lag beside an offset, made sigma1 6100 N s/m where 260 were right and left
-4.1 floors of the held-out runs; simulated it left 1.9, with all other parameters within a tenth of the truth.
+4.1 floors of the held-out runs; simulated it left 1.9, with all parameters but that one within a tenth of the truth.
 """
 
 from __future__ import annotations
