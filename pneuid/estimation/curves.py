@@ -49,13 +49,15 @@ class Curve:
 
 
 def curves_of(fit: Fit) -> tuple[Curve, ...]:
-    """The curves of a fit's splines; the band is that of the exact fit, else of the relaxed one (provisional)."""
+    """The curves of a fit's splines; the band is that of the exact fit, else provisional, of the simulated or relaxed one."""
     splines = [effect for effect in fit.plant.effects if isinstance(effect, Spline)]
     if not splines:
         return ()
     names = [item.name for item in fit.problem.declared]
     if fit.spread is not None:
         covariance = fit.spread.correlation * np.outer(fit.spread.std, fit.spread.std)
+    elif fit.simulated is not None:
+        covariance = np.array(fit.simulated.covariance)
     else:
         covariance = relaxed_covariance(fit)
     return tuple(_curve(fit, effect, names, covariance) for effect in splines)

@@ -26,7 +26,7 @@ class Solution:
     """What a relaxed fit found.
 
     started : parameters (SI) that the problem was set up with; X : its variables; samples : per interval; simulated : of a
-    bench, values and cost; the rest as in ``Outcome``, ``Relaxed`` and ``Shooting``.
+    bench, as in ``Simulated``; the rest as in ``Outcome``, ``Relaxed`` and ``Shooting``.
     """
 
     law: str
@@ -55,7 +55,7 @@ class Solution:
             fit.plant.law.name, tuple(effect.name for effect in fit.plant.effects), dict(problem.values), dict(fit.ranges),
             problem.substeps, problem.samples, problem.relaxation, tuple(soft.X.tolist()), soft.cost, soft.penalty, soft.status,
             soft.success, soft.iterations, soft.seconds, fit.defect_level, fit.loose,
-            None if fit.simulated is None else {"values": dict(fit.simulated.values), "cost": fit.simulated.cost},
+            None if fit.simulated is None else asdict(fit.simulated),
         )  # fmt: skip
 
     @classmethod

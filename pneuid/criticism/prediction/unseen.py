@@ -40,8 +40,11 @@ def unseen(found: Fit, held: Sequence[Run]) -> list[Prediction]:
 def _starts(found: Fit) -> np.ndarray:
     """Mean over the runs fitted to of the effects' states at their start, ``(ne,)``."""
     problem = found.problem
-    _, nodes = problem.split(found.relaxed.X)
-    return np.asarray(nodes[found.plant.explicit_count + 1 :, problem.first[:-1]].mean(axis=1))
+    if found.simulated is not None:
+        starts = np.array(found.simulated.starts)
+    else:
+        starts = problem.split(found.relaxed.X)[1][:, problem.first[:-1]]
+    return np.asarray(starts[found.plant.explicit_count + 1 :].mean(axis=1))
 
 
 def _lasting(model: Frozen, run: Run) -> np.ndarray:

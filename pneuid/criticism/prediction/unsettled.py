@@ -26,9 +26,9 @@ def unsettled(found: Fit, held: Sequence[Run], floor: NoiseFloor) -> float:
     """Squared typical error, in noise floors, that open parameters alone stay below on the runs ``held``, ``SURELY``.
 
     The training runs may say little of what the held-out runs ask for: friction at a speed that they do not reach. The
-    parameters' covariance at the relaxed solution is followed along its principal axes, one standard deviation each, to
-    the predictions: each adds its share times a chi-square of one degree of freedom, their sum is taken as one of as many
-    degrees as fit its mean and variance. Satterthwaite, Biometrics Bulletin 2 (1946) 110, eq. (17).
+    parameters' covariance at the relaxed solution, or at the simulated one of a bench, is followed along its principal axes,
+    one standard deviation each, to the predictions: each adds its share times a chi-square of one degree of freedom, their sum
+    is taken as one of as many degrees as fit its mean and variance. Satterthwaite, Biometrics Bulletin 2 (1946) 110, eq. (17).
     """
     names, model = found.plant.outputs, Frozen.of(found)
     lengths, others = [], []
@@ -48,15 +48,20 @@ def unsettled(found: Fit, held: Sequence[Run], floor: NoiseFloor) -> float:
 
 
 def _along_axes(found: Fit) -> list[tuple[np.ndarray, float]]:
-    """A step from the relaxed solution along each axis of the parameters' covariance: search variables ``(nq,)``, and the
-    standard deviation in units of that step.
+    """A step from the relaxed solution, on a bench from the simulated parameters, along each axis of the parameters'
+    covariance: search variables ``(nq,)``, and the standard deviation in units of that step.
 
     What the data hardly see has a standard deviation over decades of its logarithm; there a short step is taken.
     """
     problem = found.problem
     q, scaling = found.relaxed.X[: problem.nq], problem.scaling
     slope = scaling.slope(q)
-    variance, axes = np.linalg.eigh(relaxed_covariance(found) / np.outer(slope, slope))
+    if found.simulated is not None:
+        q = scaling.to_q(np.array([found.values[name] for name in problem.free]))
+        slope, covariance = scaling.slope(q), np.array(found.simulated.covariance)
+    else:
+        covariance = relaxed_covariance(found)
+    variance, axes = np.linalg.eigh(covariance / np.outer(slope, slope))
     steps = []
     for size, axis in zip(np.sqrt(np.maximum(variance, 0.0)), axes.T, strict=True):
         short = min(size, LONGEST)
