@@ -24,7 +24,7 @@ from pneuid.virtual_rig import BENCH_SENSORS, Friction, Hidden, TruthBench, reco
 from pneuid.virtual_rig.hidden import NOTHING
 
 CREEPING, SLOW, FAST = (1e-3, 2e-3, 4e-3), (1e-3, 3e-3, 0.012), (0.03, 0.25)
-"""Stroke speeds, m/s: below the Stribeck velocity of 8 mm/s throughout; with a viscous part of half a newton in 0.6 N of noise."""
+"""Stroke speeds, m/s: below the Stribeck velocity of 8 mm/s; with a viscous part of half a newton in 0.6 N of noise; fast."""
 
 SENSORS = {"sensors": {"x": "0.3 um", "p1": "0.5 kPa", "p2": "0.5 kPa", "F": "0.2 N"}}
 
@@ -75,7 +75,8 @@ def test_what_all_runs_show_is_named_although_the_held_out_runs_cannot_judge_it(
     trial = judge.trial(base)
     assert judge.explains(trial) and not judge.learned(trial)
     found = diagnose(base, held, CATALOGUE).diagnosis
-    assert found.verdict in ("effect", "ambiguous") and "friction_direction" in found.effects
+    # beside `unknown`: what slow strokes say of the viscous friction in either direction predicts fast ones worse than none
+    assert found.effects == ("friction_direction",)
     assert any("all runs together show" in sentence for sentence in found.sentences)
 
 

@@ -218,7 +218,7 @@ class Walk(Ascent):
         self.moved += [IN_TURN, *([] if better else [OUTSIDE] if clean else [PARTLY.format(name, *errors)])]
         self.rungs = [self.rung(without, True), *self.rungs[1:], self.rung(trial, True)]
         self.first, self.current = without, trial
-        self.named, self.ambiguous, self.by_all_runs, self.partly = [name], both.ambiguous, True, not (better or clean)
+        self.named, self.ambiguous, self.by_all_runs, self.partly = [name], both.ambiguous, True, not better
 
     def _on_all(self, fit: Fit) -> Fit:
         return self.refitter.on(fit, (*self.current.fit.runs, *self.judge.held))
