@@ -101,3 +101,16 @@ def test_the_page_of_the_catalogue_is_up_to_date():
     spec.loader.exec_module(module)
     written = MAKE_PAGE.with_name("catalogue.md").read_text(encoding="utf-8")
     assert written == module.page(), "run python docs/make_catalogue.py"
+
+
+def test_names_alone_are_for_scripts(capsys):
+    main(["--names"])
+    assert capsys.readouterr().out.split() == list(CATALOGUE)
+    with pytest.raises(UserError, match="--names lists the catalogue"):
+        main(["gravity", "--names"])
+
+
+def test_what_goes_to_a_pipe_is_wide(capsys):
+    """At 80 columns a mechanism took eight lines."""
+    main([])
+    assert max(map(len, capsys.readouterr().out.splitlines())) > 120

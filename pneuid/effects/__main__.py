@@ -20,6 +20,9 @@ from pneuid.resources import scenario_path
 from pneuid.rig import Rig
 from pneuid.terminal import CommandParser, add_output_options, result_folder, run_command
 
+WIDE = 160
+"""Columns of tables that go to a file or a pipe."""
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command. Raises ``UserError`` for a name that is not in the catalogue, or a folder that may not be used."""
@@ -28,9 +31,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "example:\n  python -m pneuid.effects leakage_internal --out results/leak",
     )  # fmt: skip
     parser.add_argument("name", nargs="?", metavar="NAME", help="one effect")
+    parser.add_argument("--names", action="store_true", help="the names alone, one in a line, for scripts")
     add_output_options(parser)
     given = parser.parse_args(arguments)
     console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = WIDE
+    if given.names:
+        if given.name or given.out:
+            raise UserError("--names lists the catalogue; it goes with no effect and no --out")
+        for name in CATALOGUE:
+            console.print(name, markup=False)
+        return
     if not given.name:
         if given.out:
             raise UserError("--out is for the picture of one effect; name the effect too")

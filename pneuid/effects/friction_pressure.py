@@ -21,13 +21,16 @@ _LOWEST_FC = 1.0e-3
 
 
 class FrictionPressure(Effect):
-    """``Fc, Fs, vs, sigma2`` affine in ``ps = p1`` (gauge) and ``dp = p1 - p2``, clamped to the pressures fitted on."""
+    """``Fc, Fs, vs, sigma2`` affine in ``ps`` and ``dp``, clamped to the pressures fitted on.
+
+    ``ps`` is the study's working pressure, that of chamber 1 (gauge), not the supply's; ``dp = p1 - p2``.
+    """
 
     name = "friction_pressure"
     mechanism = "pressure presses the seal lips against the wall, so friction grows and the oil film is squeezed out"
     equation = "friction"
     reference = _SOURCE
-    experiment = "runs at several supply pressures, with strokes in both directions"
+    experiment = "runs at several chamber pressures (on a servo rig several supplies), with strokes in both directions"
     confused_with = ("friction_direction",)
     guarantees = ("dissipative",)
 
