@@ -337,9 +337,8 @@ def result_of(end: End, noise: dict[str, float], seconds: float, path: Simulated
         words = dict(zip(problem.free, verdicts(hard.problem, final.X, spread), strict=True))
     return Fit(
         plant=problem.plant, runs=problem.runs, values=dict(path.values) if path else values_at(solved, final.X),
-        ranges=problem.ranges,
-        noise=noise, substeps=solved.substeps, stage="exact" if hard else "relaxed", converged=final.success,
-        status=_words(end, misfit, path), cost_per_sample=misfit,
+        ranges=problem.ranges, noise=noise, substeps=solved.substeps, stage="exact" if hard else "relaxed",
+        converged=final.success, status=_words(end, misfit, path), cost_per_sample=misfit,
         defect_level=soft.level, iterations=soft.outcome.iterations + (final.iterations if hard else 0), seconds=seconds,
         relaxed=soft.outcome, loose=soft.loose_cost, problem=problem, exact=final if hard else None,
         exact_problem=solved if hard else None, spread=spread, verdicts=words,
