@@ -146,10 +146,26 @@ def test_the_model_without_an_accepted_effect_may_be_better_than_it_was(error, c
     with_effect.fit.plant = SimpleNamespace(effects=[CATALOGUE["load_mass"]])
     smaller = stub(error, cost)
     predicted = {id(smaller): training}
-    judge = SimpleNamespace(trial=lambda fit, _added: fit, usually_fits=lambda trial: predicted.get(id(trial), 1.0))
+    judge = SimpleNamespace(
+        trial=lambda fit, _added: fit, usually_fits=lambda trial: predicted.get(id(trial), 1.0), fits=lambda _: 1.0
+    )
     refitter = SimpleNamespace(late=lambda: False, without=lambda _fit, name: {"load_mass": smaller}[name])
     found = better_without((score("load_mass", 100.0), with_effect), FIRST, judge, refitter)
     assert (found is smaller) if better else (found is None)
+
+
+@pytest.mark.parametrize(("far", "tight", "better"), [(400.0, 20.0, True), (400.0, 150.0, False), (4.0, 20.0, False)])
+def test_where_loose_jumps_lead_back_and_the_model_is_far_off_it_is_fitted_tightly_from_there(far, tight, better):
+    """Beside a play of 0.3 mm a refit without the effect went back to 41 floors."""
+    with_effect = stub(18.0, 42_000.0, "load_mass")
+    with_effect.fit.plant = SimpleNamespace(effects=[CATALOGUE["load_mass"]])
+    back, there = stub(145.0, 43_000.0), stub(tight, 44_500.0)
+    judge = SimpleNamespace(
+        trial=lambda fit, _added: fit, fits=lambda _: far, usually_fits=lambda trial: 0.6 if trial is there else 1.0
+    )
+    refitter = SimpleNamespace(without=lambda *_: back, moved=lambda base, led: there if led is with_effect.fit else base)
+    found = better_without((score("load_mass", 100.0), with_effect), FIRST, judge, refitter)
+    assert (found is there) if better else (found is None)
 
 
 @pytest.mark.parametrize(("error", "better"), [(20.0, True), (150.0, False)])
@@ -158,7 +174,8 @@ def test_a_model_that_reaches_an_exact_fit_from_where_an_effect_led_needs_no_eff
     with_effect, smaller, exact = stub(18.0, 42_000.0, "load_mass"), stub(140.0, 43_001.0), stub(error, 43_001.0)
     with_effect.fit.plant = SimpleNamespace(effects=[CATALOGUE["load_mass"]])
     with_effect.fit.exact = exact.fit.exact = "an exact fit"
-    judge = SimpleNamespace(trial=lambda fit, _added: exact if fit is exact.fit else smaller, usually_fits=lambda _: 1.0)
+    one = {"usually_fits": lambda _: 1.0, "fits": lambda _: 1.0}
+    judge = SimpleNamespace(trial=lambda fit, _added: exact if fit is exact.fit else smaller, **one)
     refitter = SimpleNamespace(late=lambda: False, without=lambda *_: smaller.fit, completed=lambda _: exact.fit)
     found = better_without((score("load_mass", 100.0), with_effect), FIRST, judge, refitter)
     assert (found is exact) if better else (found is None)

@@ -8,6 +8,7 @@ import numpy as np
 
 from pneuid.criticism.decision.acceptance import FAR_MORE, LEAST_DROP, Tried, costs
 from pneuid.criticism.decision.all_runs import SURE, TELLING
+from pneuid.criticism.decision.leftover import astray
 from pneuid.criticism.decision.rounds import Say, promised_alike
 from pneuid.criticism.refitting.refits import Asked
 from pneuid.criticism.refitting.refitter import Refitter
@@ -158,10 +159,21 @@ def better_without(chosen: tuple[Score, Trial], current: Trial, judge: Judge, re
     smaller = judge.trial(refitter.without(trial.fit, name), current.added)
     if trial.fit.exact is not None and current.fit.exact is None:
         smaller = judge.trial(refitter.completed(smaller.fit), current.added)
+    if _better(smaller, current, judge):
+        return smaller
+    if not astray(current, judge):
+        return None
+    # from where loose jumps lead back
+    tight = judge.trial(refitter.moved(current.fit, trial.fit), current.added)
+    return tight if _better(tight, current, judge) else None
+
+
+def _better(smaller: Trial, current: Trial, judge: Judge) -> bool:
+    """Whether another end of the standing model is the better one."""
     now, less = costs(current, smaller)
     cheaper = less < now - LEAST_DROP or (smaller.fit.exact is not None and current.fit.exact is None)
     clearly = judge.usually_fits(smaller) < CLEARLY * judge.usually_fits(current) and less < DEARER * now
-    return smaller if (cheaper or clearly) and smaller.error < current.error else None
+    return (cheaper or clearly) and smaller.error < current.error
 
 
 def led(chosen: tuple[Score, Trial], tried: Tried, current: Trial, judge: Judge, refitter: Refitter, say: Say) -> Tried:

@@ -168,6 +168,12 @@ def led(base: Fit, there: Fit, asked: Asked, order: Sequence[str], monitor: Moni
     return near(plant, base.runs, values | known, base.noise, monitor=monitor)
 
 
+def moved(base: Fit, there: Fit, monitor: Monitor | None = None) -> Fit:
+    """The same model from the values of a fit ``there`` of a larger one, with tight defects at once, and nodes read anew."""
+    values = {name: there.values[name] for name in base.plant.parameter_names if name in there.values}
+    return near(base.plant, base.runs, values, base.noise, monitor=monitor)
+
+
 def without(base: Fit, name: str, monitor: Monitor | None = None) -> Fit:
     """Fit without one of the effects, warm from the values that remain; from an exact fit with tight defects at once as well.
 

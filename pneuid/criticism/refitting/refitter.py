@@ -12,7 +12,17 @@ from importlib.metadata import version
 from itertools import zip_longest
 from typing import Any
 
-from pneuid.criticism.refitting.refits import Asked, Standing, begin_refit, by_sliding, led, on_runs, refit, without
+from pneuid.criticism.refitting.refits import (
+    Asked,
+    Standing,
+    begin_refit,
+    by_sliding,
+    led,
+    moved,
+    on_runs,
+    refit,
+    without,
+)
 from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
 from pneuid.effects._own_file import own_effects
 from pneuid.estimation.fit import Fit, completed, sharper
@@ -122,6 +132,10 @@ class Refitter:
     def led(self, base: Fit, there: Fit, asked: Asked) -> Fit:
         """The base model with what is asked for, from the values of a fit ``there``."""
         return led(base, there, asked, self.order, self.monitor)
+
+    def moved(self, base: Fit, there: Fit) -> Fit:
+        """The same model from the values of a larger one's fit ``there``."""
+        return moved(base, there, self.monitor)
 
     def without(self, base: Fit, name: str) -> Fit:
         """The fit without one of the effects."""
