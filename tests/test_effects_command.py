@@ -108,9 +108,3 @@ def test_names_alone_are_for_scripts(capsys):
     assert capsys.readouterr().out.split() == list(CATALOGUE)
     with pytest.raises(UserError, match="--names lists the catalogue"):
         main(["gravity", "--names"])
-
-
-def test_what_goes_to_a_pipe_is_wide(capsys):
-    """At 80 columns a mechanism took eight lines."""
-    main([])
-    assert max(map(len, capsys.readouterr().out.splitlines())) > 120

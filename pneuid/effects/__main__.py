@@ -20,9 +20,6 @@ from pneuid.resources import scenario_path
 from pneuid.rig import Rig
 from pneuid.terminal import CommandParser, add_output_options, result_folder, run_command
 
-WIDE = 160
-"""Columns of tables that go to a file or a pipe."""
-
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command. Raises ``UserError`` for a name that is not in the catalogue, or a folder that may not be used."""
@@ -35,8 +32,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add_output_options(parser)
     given = parser.parse_args(arguments)
     console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = WIDE
     if given.names:
         if given.name or given.out:
             raise UserError("--names lists the catalogue; it goes with no effect and no --out")

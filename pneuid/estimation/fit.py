@@ -346,10 +346,10 @@ def result_of(end: End, noise: dict[str, float], seconds: float, path: Simulated
     )  # fmt: skip
 
 
-def _words(end: End, misfit: float, path: Simulated | None) -> str:
+def _words(end: End, misfit: float, path: Simulated | None = None) -> str:
     """How a fit has ended, in words."""
     if path is not None:
-        return f"{_words(end, misfit, None)}; the parameters are those whose simulation follows whole runs best"
+        return f"{_words(end, misfit)}; the parameters are those whose simulation follows whole runs best"
     if end.hard is not None:
         outcome = end.hard.outcome
         words = "exact: continuity holds everywhere" + ("" if outcome.success else f" ({outcome.status})")
