@@ -308,8 +308,8 @@ class Walk(Ascent):
         chosen, known, looked, rivalled = self._best(tried), set[str](), False, False
         while True:
             # a leading effect that does not bear other starts may have kept others from being looked at
-            open_ones = open_to_second_looks(scores, tried, chosen, self.current, self.first, self.judge)
-            if open_ones and not looked and not self.refitter.late():
+            how = chosen, self.current, self.first, self.judge
+            if not (looked or self.refitter.late()) and (open_ones := open_to_second_looks(scores, tried, *how)):
                 known_well = self._known_well()
                 again = second_looks(self.current, open_ones, tried, self.judge, self.refitter, self.say, known_well)
                 self.second_looked |= dict.fromkeys({one.effect.name for one, _ in again} - known_well, self.current.error)
