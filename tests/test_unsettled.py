@@ -75,7 +75,8 @@ def test_what_all_runs_show_is_named_although_the_held_out_runs_cannot_judge_it(
     trial = judge.trial(base)
     assert judge.explains(trial) and not judge.learned(trial)
     found = diagnose(base, held, CATALOGUE).diagnosis
-    assert found.verdict == "effect" and found.effects == ("friction_direction",)
+    # what slow strokes say of the viscous friction in either direction predicts fast ones worse than the base model does
+    assert found.verdict == "unknown" and found.effects == ("friction_direction",)
     assert any("all runs together show" in sentence for sentence in found.sentences)
 
 

@@ -82,12 +82,12 @@ MISSED, STAYS = 0.02, 0.25
 class Walk(Ascent):
     """Where a diagnosis on held-out runs stands.
 
-    by_all_runs : whether all runs decided, to which then the trials are fitted; partly : whether what they show leaves more
-    than noise of them and predicts runs that it was not fitted to hardly better, or worse; lacking : the model fitted to all
-    runs, where nothing was named although an effect lowers their cost by more than chance; slow : whether the recordings are
-    too slow to show break-away; looked_at : named effects, each with those beside it, for which others were tried in their
-    place; function : what a function of a signal explains of the base model's rest, where it was looked for; beyond : whether
-    that ended the walk; second_looked : the held-out error when an effect was last refitted in a round with second looks.
+    by_all_runs : whether all runs decided, to which then the trials are fitted; partly : whether what they show predicts runs
+    that it was not fitted to hardly better, or worse; lacking : the model fitted to all runs, where nothing was named although
+    an effect lowers their cost by more than chance; slow : whether the recordings are too slow to show break-away;
+    looked_at : named effects, each with those beside it, for which others were tried in their place; function : what a function
+    of a signal explains of the base model's rest, where it was looked for; beyond : whether that ended the walk;
+    second_looked : the held-out error when an effect was last refitted in a round with second looks.
     """
 
     by_all_runs: bool = False
@@ -218,7 +218,7 @@ class Walk(Ascent):
         self.moved += [IN_TURN, *([] if better else [OUTSIDE] if clean else [PARTLY.format(name, *errors)])]
         self.rungs = [self.rung(without, True), *self.rungs[1:], self.rung(trial, True)]
         self.first, self.current = without, trial
-        self.named, self.ambiguous, self.by_all_runs, self.partly = [name], both.ambiguous, True, not (better or clean)
+        self.named, self.ambiguous, self.by_all_runs, self.partly = [name], both.ambiguous, True, not better
 
     def _on_all(self, fit: Fit) -> Fit:
         return self.refitter.on(fit, (*self.current.fit.runs, *self.judge.held))
