@@ -89,6 +89,13 @@ def test_one_that_costs_less_and_predicts_the_training_runs_worse_takes_no_place
     assert _asked(monkeypatch, (error, 26_500.0), judge=judge)[0] == named
 
 
+@pytest.mark.parametrize(("unseen", "named"), [(12.0, "gravity"), (14.0, "(gravity)"), (20.0, "(gravity)")])
+def test_what_gains_by_a_level_read_off_each_held_out_run_takes_no_place(unseen, named, monkeypatch):
+    """Of a seal with one pressure a run a warmth left 18 floors and not 24, by a warmth of the held-out run's own."""
+    judge = SimpleNamespace(**{**vars(JUDGE), "unseen": lambda trial: 15.0 if trial is BOTH else unseen})
+    assert _asked(monkeypatch, (9.4, 26_500.0), judge=judge)[0] == named
+
+
 def _walk(monkeypatch, takes, late=False):
     """A walk that named a spring beside a leak, going backward, and the effects that another was sought for."""
     sought = []

@@ -83,7 +83,8 @@ def test_the_seal_of_zillen_lacks_friction_that_depends_on_pressure():
     rig = pneuid.Rig.from_toml(scenario_path("real/zillen/rig.toml"))
     runs = {bar: pneuid.Recording.read(ZILLEN / f"O-ring_{bar}bar.csv", rig) for bar in (1, 3, 5, 7)}
     held = runs.pop(1)
-    verdict = api.diagnose(pneuid.fit(rig, list(runs.values())), list(runs.values()), [held])
+    # what is said after all rounds, a quarter of an hour on one core, is that of benchmarks/real_data.py
+    verdict = api.diagnose(pneuid.fit(rig, list(runs.values())), list(runs.values()), [held], minutes=3.0)
     assert "friction_pressure" in verdict.diagnosis.effects
     accepted = [rung.hold_out["F"] for rung in verdict.rungs if rung.accepted]
     assert len(accepted) > 1

@@ -119,7 +119,7 @@ def accepted(tried: Tried, current: Trial, first: Trial, judge: Judge) -> tuple[
     sound = [pair for pair in tried if inside_bounds(*pair) and not confused(pair[0].effect, current)]
     shown = _shown_far_more(_best_of(good, judge), good, current, judge)
     best = _foreseen_far_better(shown, sound, judge)
-    return best if _keeps_its_gain(best[1], current, judge) else _best_of(good, judge)
+    return best if keeps_its_gain(best[1], current, judge) else _best_of(good, judge)
 
 
 def _qualifies(score: Score, trial: Trial, current: Trial, first: Trial, judge: Judge) -> bool:
@@ -132,7 +132,7 @@ def _qualifies(score: Score, trial: Trial, current: Trial, first: Trial, judge: 
     end, 1.2 floors off.
     """
     excess, fall = current.error - 1.0, current.error - trial.error
-    if excess <= 0 or fall <= 3 * judge.spread or not _keeps_its_gain(trial, current, judge):
+    if excess <= 0 or fall <= 3 * judge.spread or not keeps_its_gain(trial, current, judge):
         return False
     part = fall / excess
     before, now, after = costs(first, current, trial)
@@ -165,7 +165,7 @@ def _halves_training(trial: Trial, current: Trial, judge: Judge) -> bool:
     return all(error(trial) < HALF * error(current) for error in (judge.fits, judge.usually_fits))
 
 
-def _keeps_its_gain(trial: Trial, current: Trial, judge: Judge) -> bool:
+def keeps_its_gain(trial: Trial, current: Trial, judge: Judge) -> bool:
     """Whether the gain does not come from a level of friction per run, read off the run that is judged: that passes for a slow
     state of the seal.
 

@@ -50,7 +50,7 @@ def exchanged(
     standing = own, current
     ends = [pair for pair in led_there(standing, scores, [standing], smaller, judge, refitter, say) if inside_bounds(*pair)]
     foretold = [pair for pair in ends if _foretold(pair[1], current, judge)]
-    best = min((pair for pair in ends if beats(pair[1], current)), key=lambda pair: pair[1].error, default=None)
+    best = min((pair for pair in ends if beats(pair[1], current, judge)), key=lambda pair: pair[1].error, default=None)
     how = scores, {name}, ends, smaller, judge, refitter, say
     others = [pair for pair in foretold if pair is not best]
     if best is None or not _foretold(best[1], current, judge):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pneuid.criticism.decision.acceptance import FAR_MORE, LEAST_DROP, Tried, costs
+from pneuid.criticism.decision.acceptance import FAR_MORE, LEAST_DROP, Tried, costs, keeps_its_gain
 from pneuid.criticism.decision.all_runs import SURE, TELLING
 from pneuid.criticism.decision.leftover import astray
 from pneuid.criticism.decision.rounds import Say, promised_alike
@@ -207,14 +207,17 @@ def lookalikes(
 ) -> Tried:  # fmt: skip
     """Trials with effects that are easily confused with a chosen one that leaves more than noise, from where that one led, if
     they beat it."""
-    return [pair for pair in led_there(chosen, scores, tried, current, judge, refitter, say) if beats(pair[1], chosen[1])]
+    return [pair for pair in led_there(chosen, scores, tried, current, judge, refitter, say) if beats(pair[1], chosen[1], judge)]
 
 
-def beats(trial: Trial, other: Trial) -> bool:
-    """Whether held-out and training runs both speak for a trial: a warmth that starts anew in each run passes for a friction by
-    the pressure of each run, predicts 5 % better and costs more."""
+def beats(trial: Trial, other: Trial, judge: Judge) -> bool:
+    """Whether held-out and training runs both speak for a trial, and the held-out ones not by a level read off each of them.
+
+    A warmth that starts anew in each run passes for a friction by the pressure of each run: of a seal that had one pressure a
+    run it left 18 floors and not 24, with no level of the held-out run's own more than that.
+    """
     before, after = costs(other, trial)
-    return trial.error < other.error and after < before
+    return trial.error < other.error and after < before and keeps_its_gain(trial, other, judge)
 
 
 def led_there(
