@@ -207,7 +207,8 @@ def lookalikes(
 ) -> Tried:  # fmt: skip
     """Trials with effects that are easily confused with a chosen one that leaves more than noise, from where that one led, if
     they beat it."""
-    return [pair for pair in led_there(chosen, scores, tried, current, judge, refitter, say) if beats(pair[1], chosen[1], judge)]
+    there = led_there(chosen, scores, tried, current, judge, refitter, say)
+    return [pair for pair in there if beats(pair[1], chosen[1], judge)]
 
 
 def beats(trial: Trial, other: Trial, judge: Judge) -> bool:
