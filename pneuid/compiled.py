@@ -23,10 +23,11 @@ from pneuid.cores import threads
 
 # not -ffast-math, which makes the whole process flush denormals; without finite-math and signed-zeros fmin and fmax are library
 # calls; derivatives divide by the same thing many times, a tenth of their time without reciprocals; the last lets the compiler
-# inline one sample's functions into the chain
+# inline one sample's functions into the chain. The rest of -O3, and scheduling again once registers are given out, would take
+# half as long again to compile and win nothing on such long straight lines
 _FLAGS = (
-    "-O3", "-march=native", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-ffinite-math-only",
-    "-fno-signed-zeros", "-freciprocal-math", "-fno-semantic-interposition",
+    "-O2", "-finline-functions", "-fno-schedule-insns2", "-march=native", "-fPIC", "-shared", "-fno-math-errno",
+    "-fno-trapping-math", "-ffinite-math-only", "-fno-signed-zeros", "-freciprocal-math", "-fno-semantic-interposition",
 )  # fmt: skip
 _TIMEOUT_SECONDS = 300
 
