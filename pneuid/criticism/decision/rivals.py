@@ -215,7 +215,7 @@ def beats(trial: Trial, other: Trial, judge: Judge) -> bool:
     """Whether held-out and training runs both speak for a trial, and the held-out ones not by a level read off each of them.
 
     A warmth that starts anew in each run passes for a friction by the pressure of each run: of a seal that had one pressure a
-    run it left 18 floors and not 24, with no level of the held-out run's own more than that.
+    run it left 18 floors and not 24, more than half of that by the held-out run's own level.
     """
     before, after = costs(other, trial)
     return trial.error < other.error and after < before and keeps_its_gain(trial, other, judge)
