@@ -11,6 +11,11 @@ from real_data import EMPS, EMPS_DIRECTION, relative_error
 
 import pneuid
 from pneuid import api
+from pneuid.criticism.decision.exchange import exchanged
+from pneuid.criticism.refitting.refitter import Refitter
+from pneuid.criticism.refitting.trial import judge_of
+from pneuid.effects import CATALOGUE
+from pneuid.estimation.preparation import prepare
 from pneuid.resources import scenario_path
 
 REPOSITORY = Path(__file__).parents[1]
@@ -89,3 +94,19 @@ def test_the_seal_of_zillen_lacks_friction_that_depends_on_pressure():
     accepted = [rung.hold_out["F"] for rung in verdict.rungs if rung.accepted]
     assert len(accepted) > 1
     assert accepted[-1] < accepted[0]
+
+
+@needs_zillen
+@pytest.mark.slow
+def test_no_warmth_takes_the_place_of_the_pressure_of_zillens_seal():
+    """By a level read off the run held out it predicts that one, at another pressure, better: a rival, and no more."""
+    rig = pneuid.Rig.from_toml(scenario_path("real/zillen/rig.toml"))
+    train = [pneuid.Recording.read(ZILLEN / f"O-ring_{bar}bar.csv", rig) for bar in (3, 5, 7)]
+    held = pneuid.Recording.read(ZILLEN / "O-ring_1bar.csv", rig)
+    fitted = pneuid.fit(rig, train, add=["friction_pressure", "friction_presliding_memory"]).fitted
+    judge, refitter = judge_of(fitted, [prepare(held, fitted.plant, fitted.noise)]), Refitter(list(CATALOGUE))
+    without = judge.trial(refitter.without(fitted, "friction_pressure"))
+    candidates = [CATALOGUE[name] for name in ("friction_pressure", "friction_warmup")]
+    found = exchanged("friction_pressure", without, judge.trial(fitted), judge, refitter, candidates, lambda _: None)
+    assert found.taking is None
+    assert [score.effect.name for score, _ in found.rivals] == ["friction_warmup"]
