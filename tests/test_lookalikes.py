@@ -25,7 +25,7 @@ class _Making:
     order = list(CATALOGUE)
 
     def __init__(self) -> None:
-        self.asked, self.there = [], []
+        self.asked, self.there, self.found = [], [], []
 
     def led(self, _base, there, asked):
         self.asked.append((asked.effect.name, asked.start))
@@ -33,16 +33,17 @@ class _Making:
         return asked.effect.name
 
 
-def _looked_at(chosen, scores, tried=(), steps=None, current=FIRST, monkeypatch=None, end=(2.0, 26_000.0)) -> _Making:
+def _looked_at(chosen, scores, tried=(), steps=None, current=FIRST, monkeypatch=None, end=(2.0, 26_000.0), by=JUDGE) -> _Making:
     made, promised = _Making(), steps or {}
-    judge = SimpleNamespace(**vars(JUDGE), trial=lambda _, added: replace(stub(*end), added=added))
+    judge = SimpleNamespace(**vars(by), trial=lambda _, added: replace(stub(*end), added=added))
     monkeypatch.setattr(rivals, "typical_start", lambda *_: {"size": 3.0})
     monkeypatch.setattr(
         rivals, "jumped", lambda _, __, sizes, ___: {name: promised.get(name, Jump(0.0, sizes[name])) for name in sizes}
     )
     found = lookalikes(chosen, scores, [chosen, *tried], current, judge, made, lambda _: None)
+    made.found = [pair[0].effect.name for pair in found]
     beats = end[0] < chosen[1].error and end[1] < chosen[1].fit.relaxed_cost
-    assert [pair[0].effect.name for pair in found] == ([name for name, _ in made.asked] if beats else [])
+    assert by is not JUDGE or made.found == ([name for name, _ in made.asked] if beats else [])
     return made
 
 
@@ -82,6 +83,14 @@ def test_none_is_looked_at_where_noise_alone_is_left_or_the_model_holds_it_or_a_
 def test_one_that_the_held_out_or_the_training_runs_do_not_bear_out_is_dropped(end, monkeypatch):
     """A warmth that starts anew in each run for a friction by the pressure of each run: 12.6 floors for 13.3, but dearer."""
     assert _looked_at(DIRECTION, [score("friction_pressure", 90.0)], monkeypatch=monkeypatch, end=end).asked
+
+
+@pytest.mark.parametrize(("unseen", "beaten"), [(2.5, True), (4.5, False)])
+def test_one_that_gains_by_a_level_read_off_each_held_out_run_is_dropped(unseen, beaten, monkeypatch):
+    """A warmth that starts anew in each run passes for a friction by the pressure of each run; itself it gains nothing."""
+    by = SimpleNamespace(**{**vars(JUDGE), "unseen": lambda trial: 4.9 if trial is DIRECTION[1] else unseen})
+    made = _looked_at(DIRECTION, [score("friction_pressure", 90.0)], monkeypatch=monkeypatch, by=by)
+    assert made.asked and made.found == (["friction_pressure"] if beaten else [])
 
 
 @pytest.mark.parametrize(("left", "named", "again"), [(1.2, "gravity", True), (9.0, "friction_direction", False)])
