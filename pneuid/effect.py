@@ -132,6 +132,8 @@ class Scope:
     """True driving force of a bench, N."""
     mass: Expression = None
     """Moving mass, kg."""
+    Fc: Expression = None
+    """Coulomb level of the friction, N, as effects leave it."""
     friction: Expression = None
     """Friction force, N, against +v."""
     acceleration: Expression = None

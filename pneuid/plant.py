@@ -303,6 +303,8 @@ class Plant:
         k = self.law.coefficients(base, th["carrier_stiffness"], th["carrier_damping"])
         for effect, scope in zip(self.effects, scopes, strict=True):
             k = effect.coefficients(k, scope)
+        for scope in scopes:
+            scope.Fc = k.Fc
         stribeck_speed, mass = v, th["mass_run"]
         for effect, scope in zip(self.effects, scopes, strict=True):
             stribeck_speed = effect.stribeck_speed(stribeck_speed, scope)

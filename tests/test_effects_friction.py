@@ -288,7 +288,10 @@ def test_a_film_is_drawn_in_faster_than_it_is_squeezed_out(v, times):
 
 # --- Maxwell slip ---
 
-ELEMENT = {"W_element": 10.0, "d_element": 1e-4, "Fc": 1e-6, "Fs": 1e-6, "sigma1": 0.0, "sigma2": 0.0}
+ELEMENT = {
+    "w_element": 10.0, "d_element": 1e-4, "c_element": 0.0, "Fc": 1.0, "Fs": 1.0, "sigma0": 1e-6, "sigma1": 0.0, "sigma2": 0.0,
+}  # fmt: skip
+"""One element of 10 N, and a bristle too soft to be felt."""
 
 
 def element_force(places: list[float], speed: float = 1e-3, changes: dict[str, float] | None = None) -> tuple:
@@ -313,6 +316,24 @@ def test_the_element_is_elastic_then_slips_at_its_break_force():
     # rounded at the corner alone
     assert np.all(force <= np.minimum(k * x, 10.0) + 0.15)
     assert np.all(force >= np.minimum(k * x, 10.0) - 0.9)
+
+
+def test_two_elements_break_one_after_the_other_and_add_to_the_break_force():
+    shares = {"c_element": 0.4, "r_element": 3.0}
+    x, force = element_force([8e-4], changes=shares)
+    between = int(np.argmax(x > 2e-4))
+    assert force[20] == pytest.approx((0.6 / 1e-4 + 0.4 / 3e-4) * 10.0 * x[20], rel=1e-3)
+    assert force[between] == pytest.approx(0.6 * 10.0 + 0.4 * 10.0 * x[between] / 3e-4, rel=0.01), "the second still sticks"
+    assert force[-1] == pytest.approx(10.0, rel=0.01)
+
+
+def test_what_presses_the_seal_raises_the_break_force_of_the_elements():
+    plant = Plant(rig(), "lugre", [CATALOGUE["friction_pressure"], CATALOGUE["friction_presliding_memory"]])
+    values = {"Fc": 10.0, "Fs": 10.0, "k1": 4e-5, "k2": 0.0, "w_element": 0.5, "d_element": 1e-4, "r_element": 4.0}
+    broken = {"z": 0.0, "v": 0.0, "z_element": 1e-4, "z_second": 4e-4}
+    # without the bristle's own rate, which is nought at rest
+    low, high = (float(at(plant, broken | {"p1": p1}, values).friction) for p1 in (3.0e5, 5.0e5))
+    assert high - low == pytest.approx(0.5 * 4e-5 * 2e5, rel=1e-6)
 
 
 def test_branches_are_the_doubled_virgin_curve_and_close_at_the_turning_point():
