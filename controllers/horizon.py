@@ -8,8 +8,8 @@ velocity and at the pressures last predicted, scaled by ``alpha``, plus the resi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -17,7 +17,10 @@ import numpy as np
 from controllers.control_model import EFFECTS, ControlModel
 from pneuid.compiled import compile_functions
 from pneuid.plant import Stages
-from pneuid.step import relaxed, relaxed_evenly
+from pneuid.step import relaxed
+
+PARTS = 4
+"""Parts of a stage in which the effects' own states follow."""
 
 
 @dataclass(frozen=True)
@@ -59,24 +62,28 @@ def _advanced(start: ca.SX, at: Stages, h: float) -> ca.SX:
 
 
 def _concluded(start: ca.SX, of: list[Stages], h: float) -> ca.SX:
-    """State without the bristle after ``h`` seconds by the rates of the four stages of the classical Runge-Kutta rule.
-
-    An effect state relaxes by their means; a plain lag, whose rates do not turn on its state, by a source that changes evenly
-    from the first to the last: it may follow another effect state that is as fast.
-    """
-
-    def mean(values: tuple[Any, ...]) -> Any:
-        return (values[0] + 2.0 * values[1] + 2.0 * values[2] + values[3]) / 6.0
-
+    """Motion and pressures after ``h`` seconds by the rates of the four stages of the classical Runge-Kutta rule."""
     rates = zip(*(at.explicit for at in of), strict=True)
-    moved = [start[i] + h * mean(values) for i, values in enumerate(rates)]
-    for i, pairs in enumerate(zip(*(at.relaxing[1:] for at in of), strict=True), start=4):
-        sources, decays = zip(*pairs, strict=True)
-        if ca.depends_on(ca.vertcat(*pairs[0]), ca.vertcat(*ca.symvar(start[i]))):
-            moved.append(relaxed(start[i], mean(sources), mean(decays), h))
-        else:
-            moved.append(relaxed_evenly(start[i], sources[0], sources[-1], mean(decays), h))
+    moved = [start[i] + h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0 for i, (k1, k2, k3, k4) in enumerate(rates)]
     return ca.vertcat(*moved)
+
+
+def _followed(start: ca.SX, after: ca.SX, first: Stages, h: float, rates: Callable[[ca.SX], Stages]) -> ca.SX:
+    """Effect states after ``h`` seconds in which motion and pressures go evenly from those of ``start`` to ``after``.
+
+    In ``PARTS`` parts, each by an exponential at the rates of its middle, which is foretold by the rates before: a contact's
+    corner between sticking and slipping takes a fraction of the stage, and states that follow each other may be as fast as it.
+    """
+    part, reached, last = h / PARTS, start, first
+
+    def moved(of: Stages, duration: float, end: float) -> ca.SX:
+        others = start[:4] + end * (after - start[:4])
+        return ca.vertcat(others, *(relaxed(reached[i], *pull, duration) for i, pull in enumerate(of.relaxing[1:], start=4)))
+
+    for k in range(PARTS if start.numel() > 4 else 0):
+        last = rates(moved(last, 0.5 * part, (k + 0.5) / PARTS))
+        reached = moved(last, part, (k + 1.0) / PARTS)
+    return reached[4:]
 
 
 def _dynamics(model: ControlModel, N: int, interval: float) -> ca.Function:
@@ -105,7 +112,8 @@ def stage_function(model: ControlModel, interval: float) -> ca.Function:
     k2 = rates(_advanced(core, k1, 0.5 * h))
     k3 = rates(_advanced(core, k2, 0.5 * h))
     k4 = rates(_advanced(core, k3, h))
-    after = ca.vertcat(_concluded(core, [k1, k2, k3, k4], h) / size, s[nx - 1] + du)
+    others = _concluded(core, [k1, k2, k3, k4], h)
+    after = ca.vertcat(ca.vertcat(others, _followed(core, others, k1, h, rates)) / size, s[nx - 1] + du)
     outputs = [after, ca.densify(ca.jacobian(after, s)), ca.densify(ca.jacobian(after, du))]
     return ca.Function("controllers_stage", [s, du, force, psup, theta], ca.cse(outputs))
 

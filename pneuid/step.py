@@ -38,13 +38,6 @@ def relaxed(s: Any, source: Any, decay: Any, h: Any) -> Any:
     return s + (s - source * h / q) * ca.expm1(-q)
 
 
-def relaxed_evenly(s: Any, first: Any, last: Any, decay: Any, h: Any) -> Any:
-    """Exact solution after ``h`` of ``ds/dt = source - decay s`` whose source changes evenly from ``first`` to ``last``."""
-    q = ca.fmax(decay * h, 1e-6)
-    of_first = -ca.expm1(-q) / q
-    return relaxed(s, first, decay, h) + h * (last - first) * (1.0 - of_first) / q
-
-
 def _advance(plant: Plant, s: Any, at: Any, h: Any) -> Any:
     count = plant.explicit_count
     moved = [s[i] + h * at.explicit[i] for i in range(count)]
