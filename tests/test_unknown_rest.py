@@ -14,6 +14,7 @@ from pneuid.criticism.decision.rest import explained
 from pneuid.criticism.decision.verdict import Verdict
 from pneuid.criticism.prediction.uncovered import outside, uncovered
 from pneuid.effects import CATALOGUE
+from pneuid.effects._spline import Term
 from pneuid.estimation.preparation import prepare
 from pneuid.plant import Plant
 
@@ -140,6 +141,32 @@ def _stood_in(
     best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE[name] for name in names]))
     best = replace(best, relaxed=replace(base.relaxed, cost=base.relaxed.cost - took * named.gain))
     return explained(Verdict(diagnosis, best, base, rungs, near=near), [held]).diagnosis
+
+
+@pytest.mark.parametrize(
+    ("name", "equation", "signal", "by_all_runs", "said"),
+    [
+        ("friction_pressure", "friction", "p2", True, "effect"),
+        ("friction_pressure", "friction", "dp", True, "effect"),
+        ("friction_pressure", "friction", "x", True, "unknown"),  # on what its friction does not turn
+        ("friction_pressure", "force", "p2", True, "unknown"),
+        ("friction_direction", "friction", "v", True, "unknown"),  # on what the base model's friction turns as well
+        ("friction_pressure", "friction", "p2", False, "unknown"),
+    ],
+)
+def test_a_function_of_its_kind_confirms_what_all_runs_show(name, equation, signal, by_all_runs, said, monkeypatch):
+    """Friction by pressure on slow runs predicted what was left out no better than nothing; ``friction(p2)`` left noise."""
+    base, (_, held), named = magnet()[0], magnet_runs(), searched()
+    joint = replace(named.joint, terms=(Term(equation, signal),))
+    found = replace(named, joint=joint, formula=None, ties=(), before=1.9, after=1.01)
+    monkeypatch.setattr("pneuid.criticism.decision.rest.search", lambda *_: found)
+    best = replace(base, plant=Plant(STAND, "lugre", [CATALOGUE[name]]))
+    best = replace(best, relaxed=replace(base.relaxed, cost=base.relaxed.cost - 0.2 * named.gain))
+    rungs = [Rung(of, None, True, {}, {"F": error}, {"F": 1.0}, 6) for of, error in (((), 1.39), ((name,), 1.63))]
+    diagnosis = Diagnosis("unknown", (name,), (), Unknown("force", (), 1.0, "N"), by_all_runs=by_all_runs)
+    diagnosis = explained(Verdict(diagnosis, best, base, rungs), [held]).diagnosis
+    assert (diagnosis.verdict, diagnosis.effects) == (said, (name,) if said == "effect" else ())
+    assert diagnosis.unknown is not None and diagnosis.unknown.effect == f"spline:{equation}({signal})"
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def test_a_rest_is_reported_where_a_tenth_of_the_excess_is_left_or_two_floors(be
     ("whole", "after", "rest"), [(10.7, 3.84, True), (10.7, 2.2, False), (3.9, 3.84, False), (6.2, 3.84, False)]
 )
 def test_a_rest_is_reported_too_where_all_windows_leave_more_and_the_usual_ones_more_than_noise(whole, after, rest):
-    """A brake with a hump in its drag came as a viscous friction that bends; at break-away alone it would be no form's matter."""
+    """A brake with a hump in its drag came as a viscous friction that bends."""
     current = replace(stub(after, 1e3, "gravity"), whole=whole)
     walk = SimpleNamespace(
         named=["gravity"], first=replace(stub(53.1, 1e4), whole=62.1), current=current, judge=JUDGE, ranking={},
