@@ -91,20 +91,28 @@ def zillen(folder: Path) -> None:
     # the four models above are the fits without one of the runs: their spread is the error that the choice of runs leaves
     error = np.sqrt((len(runs) - 1) / len(runs) * np.sum((np.array(slopes) - np.mean(slopes)) ** 2))
     _sloped(f"all runs with {', '.join(found)}, error from leaving one run out", _slope(every.values), error)
-    levels = [_at_speed(pneuid.fit(rig, [run]).values) for run in runs]
+    levels = [_steady(pneuid.fit(rig, [run]).values, 0.0) for run in runs]
     fitted, covariance = np.polyfit(BARS, levels, 1, cov=True)
     _sloped("line through four models, one per run, error from its rest", fitted[0], np.sqrt(covariance[0, 0]))
 
 
 def _slope(values: Mapping[str, float]) -> float:
-    """Slope of friction by pressure at the rig's speed, N/bar, the rod side vented: 0 where the model has none."""
-    k1, k2, k7, k8 = (values.get(name, 0.0) for name in ("k1", "k2", "k7", "k8"))
-    return 1e5 * (k1 + k2 + (k7 + k8) * ZILLEN_SPEED)
+    """Slope of friction by pressure at the rig's speed, N/bar, between the lowest and the highest: 0 where the model has none."""
+    low, high = (_steady(values, 1e5 * bar) for bar in (BARS[0], BARS[-1]))
+    return (high - low) / (BARS[-1] - BARS[0])
 
 
-def _at_speed(values: Mapping[str, float]) -> float:
-    """Friction at the rig's speed, N."""
-    return values["Fc"] + values["sigma2"] * ZILLEN_SPEED
+def _steady(values: Mapping[str, float], pressure: float) -> float:
+    """Steady friction at the rig's speed, N, at that pressure in Pa (gauge) in chamber 1 and the rod side vented."""
+
+    def law(name: str, by_ps: str, by_dp: str) -> float:
+        return values.get(name, 0.0) + (values.get(by_ps, 0.0) + values.get(by_dp, 0.0)) * pressure
+
+    Fc = law("Fc", "k1", "k2")
+    Fs = law("Fs", "k3", "k4") if "k3" in values else Fc + values.get("Fs", values["Fc"]) - values["Fc"]
+    peak = np.exp(-((ZILLEN_SPEED / law("vs", "k5", "k6")) ** 2)) if "vs" in values else 0.0
+    slipping = values.get("w_element", 0.0) * Fc  # what a memory of pre-sliding adds once all of it slips
+    return float(Fc + (max(Fs, Fc) - Fc) * peak + law("sigma2", "k7", "k8") * ZILLEN_SPEED + slipping)
 
 
 def _sloped(how: str, slope: float, error: float) -> None:
