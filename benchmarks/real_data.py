@@ -97,7 +97,7 @@ def zillen(folder: Path) -> None:
 
 
 def _slope(values: Mapping[str, float]) -> float:
-    """Slope of friction by pressure at the rig's speed, N/bar, between the lowest and the highest: 0 where the model has none."""
+    """Slope of friction by pressure at the rig's speed, N/bar, between the lowest and the highest."""
     low, high = (_steady(values, 1e5 * bar) for bar in (BARS[0], BARS[-1]))
     return (high - low) / (BARS[-1] - BARS[0])
 
@@ -110,7 +110,7 @@ def _steady(values: Mapping[str, float], pressure: float) -> float:
 
     Fc = law("Fc", "k1", "k2")
     Fs = law("Fs", "k3", "k4") if "k3" in values else Fc + values.get("Fs", values["Fc"]) - values["Fc"]
-    peak = np.exp(-((ZILLEN_SPEED / law("vs", "k5", "k6")) ** 2)) if "vs" in values else 0.0
+    peak = np.exp(-((ZILLEN_SPEED / max(law("vs", "k5", "k6"), 2e-4)) ** 2)) if "vs" in values else 0.0
     slipping = values.get("w_element", 0.0) * Fc  # what a memory of pre-sliding adds once all of it slips
     return float(Fc + (max(Fs, Fc) - Fc) * peak + law("sigma2", "k7", "k8") * ZILLEN_SPEED + slipping)
 
