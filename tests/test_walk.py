@@ -335,6 +335,24 @@ def test_what_is_named_stands_in_order_of_weight_and_what_is_not_missed_is_dropp
     assert going.named == named
 
 
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_richer_friction_law_keeps_the_place_in_which_it_was_found(place, monkeypatch):
+    """Without it the model is another, whose cost says nothing: a bristle's jumps excuse what friction alone must miss."""
+    ends = {"valve_dead_zone": stub(4.5, 26_300.0), "valve_null_leakage": stub(3.2, 27_400.0)}
+    both = stub(1.6, 26_000.0, "law:lugre")
+    both.fit.plant = SimpleNamespace(effects=[CATALOGUE[name] for name in ends])
+    monkeypatch.setattr(walk, "exchanged", lambda *_: Exchange())
+    judge = SimpleNamespace(**vars(JUDGE), trial=lambda fit: fit)
+    going = walking(judge, SimpleNamespace(late=lambda: False, without=lambda _fit, name: ends[name]), both)
+    for end in ends.values():
+        end.fit.plant = SimpleNamespace(effects=[CATALOGUE["valve_null_leakage"]])
+    monkeypatch.setattr(walk.Walk, "_not_missed", lambda *_: False)
+    going.named = list(ends)
+    going.named.insert(place, "law:lugre")
+    assert not going.backward()
+    assert going.named.index("law:lugre") == place and [n for n in going.named if n in ends] == [*ends][::-1]
+
+
 @pytest.mark.parametrize(("relaxation", "named"), [(1.0, ["line_delay", "dead_volume"]), (0.1, ["dead_volume", "line_delay"])])
 def test_weights_are_told_by_defects_that_all_smaller_models_have(relaxation, named, monkeypatch):
     """Without a tube only loose defects carry the model; tight ones show more of what the dead volume beside it takes."""

@@ -239,10 +239,8 @@ class Walk(Ascent):
         """Try to drop each accepted effect but the last; keep the smaller model where the held-out error hardly rises.
 
         Where it rises, what is easily confused with the effect may take its place. Whether the model changed: it may end
-        elsewhere, where what it lacks shows.
-
-        What remains is put in order of weight: first the effect without which the training runs cost most. The order in which
-        effects were found is that of the prediction of break-away, which a small effect may turn first.
+        elsewhere, where what it lacks shows. What remains is put in order of weight: first the effect without which the
+        training runs cost most; the order of finding is that of predicted break-away. A richer friction law keeps its place.
         """
         smaller_models: dict[str, Trial] = {}
         before = list(self.named)
@@ -260,7 +258,8 @@ class Walk(Ascent):
             smaller_models[self._exchange(name, smaller)] = smaller
         # by defects that all of them have, as tight ones see more
         missed = dict(zip(smaller_models, costs(*smaller_models.values()), strict=True))
-        self.named.sort(key=lambda name: -missed.get(name, np.inf))
+        order = iter(sorted(missed, key=lambda name: -missed[name]))
+        self.named = [next(order) if name in missed else name for name in self.named]
         return set(self.named) != set(before)
 
     def _exchange(self, name: str, smaller: Trial) -> str:
