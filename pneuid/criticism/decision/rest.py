@@ -185,7 +185,7 @@ def _of_its_kind(found: Found, verdict: Verdict) -> bool:
     floors of 1.4; ``friction(p2)``, fitted to the training runs alone, left noise.
     """
     terms = found.joint.terms
-    signals = {one for term in terms for name in term.depends_on for one in (("p1", "p2") if name == "dp" else (name,))}
+    signals = {name for term in terms for name in term.depends_on}
     own = _friction_turns_on(verdict.best.plant) - _friction_turns_on(verdict.base.plant)
     return {term.equation for term in terms} == {"friction"} and signals <= own
 
