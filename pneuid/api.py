@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from pneuid import model as model_file
+from pneuid.cores import small_matrices
 from pneuid.criticism.comparison.comparison import Comparison, compare, frozen
 from pneuid.criticism.comparison.trust import trust
 from pneuid.criticism.decision import rounds, verdict
@@ -118,6 +119,7 @@ class IdentifiedModel:
         return notebook_html(words, self.to_pandas().drop(columns=["lower", "upper"]))
 
 
+@small_matrices
 def fit(
     rig: Rig,
     runs: Sequence[Recording],
@@ -208,6 +210,7 @@ def refitted(model: IdentifiedModel, runs: Sequence[Recording], monitor: Monitor
     return estimate(content.plant, runs, model.values, content.noise or None, monitor, exact=content.fit.lacking)
 
 
+@small_matrices
 def diagnose(
     model: IdentifiedModel,
     runs: Sequence[Recording],

@@ -130,6 +130,13 @@ class InARow:
         raise NotImplementedError
 
 
+class Ends(InARow):
+    """End states ``(intervals, 1, ns)`` and costs ``(intervals, 1, 1)`` of intervals along windows, of a function of values."""
+
+    def _gone_on(self, found: tuple[np.ndarray, ...], going: np.ndarray, at: np.ndarray, k: int) -> np.ndarray:  # noqa: ARG002
+        return np.asarray(found[0][at, 0])
+
+
 class Trajectories(InARow):
     """Outputs ``(intervals, K, ny)`` and states ``(intervals, K + 1, ns)`` along windows, of a trajectory function."""
 

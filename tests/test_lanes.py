@@ -20,7 +20,7 @@ from pneuid.effects import CATALOGUE
 from pneuid.estimation.preparation import noise_of, prepare
 from pneuid.interval import interval_function, jacobian_function
 from pneuid.lanes import Body, SideBySide, side_by_side, source
-from pneuid.mapped import Mapped, Slopes, Trajectories
+from pneuid.mapped import Ends, Mapped, Slopes, Trajectories
 from pneuid.plant import Plant
 from pneuid.vectors import OPERATIONS, NoLanesError
 
@@ -171,7 +171,8 @@ def test_every_effect_runs_side_by_side_like_one_by_one(effects):
 
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize(
-    ("kind", "name", "free"), [(Trajectories, "trajectory", 0), (Slopes, "derivatives", 0), (Slopes, "derivatives", 8)]
+    ("kind", "name", "free"),
+    [(Ends, "values", 0), (Trajectories, "trajectory", 0), (Slopes, "derivatives", 0), (Slopes, "derivatives", 8)],
 )
 def test_windows_of_any_length_run_side_by_side_like_one_by_one(kind, name, free, threads, monkeypatch):
     plant = Plant(rig(), "lugre")

@@ -17,17 +17,16 @@ import numpy as np
 
 from pneuid.cores import threads
 from pneuid.estimation.shooting import Evaluation, Shooting
-from pneuid.mapped import Trajectories
+from pneuid.mapped import Ends
 
 
 @dataclass(frozen=True)
 class Walked:
-    """A simulated path: state at the start of every interval ``(ns, base.nint)`` and at every window's end ``(ns, nint)``,
-    outputs at the samples ``(ny, base.nint * samples)``, all SI; data cost of every interval ``(base.nint,)``."""
+    """A simulated path: state at the start of every interval ``(ns, base.nint)`` and at every window's end ``(ns, nint)``, SI;
+    data cost of every interval ``(base.nint,)``."""
 
     path: np.ndarray
     end: np.ndarray
-    shown: np.ndarray
     costs: np.ndarray
 
 
@@ -77,21 +76,28 @@ class Chained(Shooting):
     def linked_up(self, parts: Evaluation, end: np.ndarray) -> Evaluation:
         """What the intervals' ``parts`` say of the windows, which end at the states ``end`` ``(ns, nint)``."""
         nq, ns, width = self.nq, self.ns, self.nq + self.ns
-        # derivative of [q, interval's first state, 1] with respect to [q, window's first state, 1]
-        inward = np.zeros((self.base.nint, width + 1, width + 1))
-        inward[:, np.arange(nq), np.arange(nq)] = 1.0
-        inward[:, width, width] = 1.0
-        state, window = inward[:, nq:width, :width], np.zeros((self.nint, ns, width))
+        # derivative of an interval's first state by [q, window's first state], and of the windows' ends
+        state = np.zeros((self.base.nint, ns, width))
+        window = np.tile(np.eye(ns, width, nq), (self.nint, 1, 1))
         across, shared = parts.sensitivity[:, :, nq:], parts.sensitivity[:, :, :nq]
-        for k, (first, length) in enumerate(zip(self.starts, self.lengths, strict=True)):
-            moved = np.hstack([np.zeros((ns, nq)), np.eye(ns)])
-            for i in range(first, first + length):
-                state[i] = moved
-                moved = across[i] @ moved
-                moved[:, :nq] += shared[i]
-            window[k] = moved
-        chained = inward.transpose(0, 2, 1) @ parts.gram @ inward
+        for going, at in self._in_step:
+            state[at] = window[going]
+            window[going] = across[at] @ window[going]
+            window[going, :, :nq] += shared[at]
+        # the Gram block by [q, window's first state, 1]: that by [q, interval's first state, 1], the middle of which moves so
+        half = parts.gram.copy()
+        half[:, :, nq:width] = 0.0
+        half[:, :, :width] += parts.gram[:, :, nq:width] @ state
+        chained = half.copy()
+        chained[:, nq:width] = 0.0
+        chained[:, :width] += state.transpose(0, 2, 1) @ half[:, nq:width]
         return Evaluation(end, window, np.add.reduceat(chained, self.starts, axis=0))
+
+    @cached_property
+    def _in_step(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The windows that have a first interval, and it; those that have a second one, and it; and so on."""
+        steps = [np.flatnonzero(self.lengths > k) for k in range(int(self.lengths.max()))]
+        return [(going, self.starts[going] + k) for k, going in enumerate(steps)]
 
     def walked(self, X: np.ndarray) -> Walked:
         """The path at ``X``, simulated once for all who ask."""
@@ -102,14 +108,11 @@ class Chained(Shooting):
 
     def _walk(self, X: np.ndarray) -> Walked:
         q, start = self.split(X)
-        data, ny = self.data, len(self.plant.outputs)
-        outputs, states = self._in_a_row(start, data, self.base.theta(q))
-        shown = outputs.reshape(-1, ny).T
-        with np.errstate(over="ignore", invalid="ignore"):  # a trial point may lie anywhere
-            residual = data[-ny:] * (shown - data[-2 * ny : -ny])
-            costs = 0.5 * np.sum((residual**2).reshape(ny, self.base.nint, self.samples), axis=(0, 2))
-        return Walked(states[:, 0].T, states[self.starts + self.lengths - 1, -1].T, shown, costs)
+        ends, squares = self._in_a_row(start, self.data, self.base.theta(q))
+        path = np.roll(ends[:, 0].T, 1, axis=1)
+        path[:, self.starts] = start
+        return Walked(path, ends[self.starts + self.lengths - 1, 0].T, 0.5 * squares[:, 0, 0])
 
     @cached_property
-    def _in_a_row(self) -> Trajectories:
-        return Trajectories(self.function.trajectory, self.lengths, threads())
+    def _in_a_row(self) -> Ends:
+        return Ends(self.function.values, self.lengths, threads())

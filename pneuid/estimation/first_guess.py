@@ -135,19 +135,20 @@ def first_guess(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion]) -> d
 
 def first_nodes(plant: Plant, runs: Sequence[Run], moved: Sequence[Motion], values: dict, every: int) -> np.ndarray:
     """Node states ``(ns, nint)`` from the measurements: smoothed motion, pressures, bristle from the force balance."""
-    columns = []
-    for run, motion in zip(runs, moved, strict=True):
-        at = np.arange(0, run.n, every)
-        z = bristle(plant, run, motion, values)
-        states = {"x": motion.x[at], "v": motion.v[at], "z": z[at]}
-        if plant.servo:
-            for signal in ("p1", "p2"):
-                states[signal] = _averaged(run.measured(signal))[at]
-        if plant.effect_states:
-            own, _ = followed_effects(plant, run, motion, z, values)
-            states |= {state.name: own[i, at] for i, state in enumerate(plant.effect_states)}
-        columns.append(np.vstack([states[name] for name in plant.states]))
-    return np.hstack(columns)
+    each = zip(runs, moved, strict=True)
+    return np.hstack([first_states(plant, run, motion, values)[0][:, ::every] for run, motion in each])
+
+
+def first_states(plant: Plant, run: Run, motion: Motion, values: dict) -> tuple[np.ndarray, np.ndarray]:
+    """The same ``(ns, N)`` at every sample of one run, and how fast the states that effects bring forget ``(ne, N)``, 1/s."""
+    z = bristle(plant, run, motion, values)
+    states, decays = {"x": motion.x, "v": motion.v, "z": z}, np.zeros((0, run.n))
+    if plant.servo:
+        states |= {signal: _averaged(run.measured(signal)) for signal in ("p1", "p2")}
+    if plant.effect_states:
+        own, decays = followed_effects(plant, run, motion, z, values)
+        states |= {state.name: row for state, row in zip(plant.effect_states, own, strict=True)}
+    return np.vstack([states[name] for name in plant.states]), decays
 
 
 @once_per_structure(STRUCTURES)

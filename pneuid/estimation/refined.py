@@ -22,15 +22,18 @@ class Refined(Chained):
     def __init__(self, base: Shooting, slopes: Shooting) -> None:
         super().__init__(base)
         self.slopes = slopes
-        self._shown_coarsely = Mapped(slopes.function.trajectory, base.nint, threads())
+        self._shown, self._shown_coarsely = (
+            Mapped(one.function.trajectory, base.nint, threads()) for one in (base, slopes)
+        )
 
     def evaluate(self, X: np.ndarray) -> Evaluation:
         """End states and residuals of the fine step, sensitivities and Gram blocks with the coarse one's slopes."""
         walked = self.walked(X)
         q = X[: self.nq]
-        coarse, _ = self._shown_coarsely(walked.path, self.data, self.base.theta(q))
+        at = walked.path, self.data, self.base.theta(q)
+        (fine, _), (coarse, _) = self._shown(*at), self._shown_coarsely(*at)
         ny = len(self.plant.outputs)
         # measured values moved by the difference: the coarse step's residual to them is the fine step's to the true ones
         data = self.data.copy()
-        data[-2 * ny : -ny] += coarse - walked.shown
+        data[-2 * ny : -ny] += coarse - fine
         return self.linked_up(self.slopes.evaluate_on(self.base.join(q, walked.path), data), walked.end)

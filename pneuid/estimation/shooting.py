@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -165,6 +166,11 @@ class Shooting:
         self.smoothing = FINE
         self.relaxation = TIGHT
         """Spread allowed to the defects of the relaxed problem, in units of the state scale."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A problem goes to another process by what it is made of; its functions are built there."""
+        made = self.plant, self.runs, self.free, self.values, self.ranges, self.substeps, self.samples
+        return _made_again, (*made, self.smoothing, self.relaxation)
 
     @cached_property
     def _map_values(self) -> Mapped:
@@ -369,3 +375,12 @@ class Shooting:
     def set_smoothing(self, smoothing: Smoothing) -> None:
         """Widths used from now on (numbers, no new code is compiled)."""
         self.smoothing = smoothing
+
+
+def _made_again(*made: Any) -> Shooting:
+    """A problem from the arguments of its class, and two things that are set afterwards."""
+    *arguments, smoothing, relaxation = made
+    problem = Shooting(*arguments)
+    problem.set_smoothing(smoothing)
+    problem.relaxation = relaxation
+    return problem

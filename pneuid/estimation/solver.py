@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from pneuid.ahead import is_copy
 from pneuid.estimation.assembly import Assembly
 from pneuid.estimation.chained import Chained
 from pneuid.estimation.factor import factorised
@@ -102,7 +103,7 @@ class _Evaluator:
         self.problem, self.relaxed, self.stage, self.settling = problem, relaxed, stage, settling
         self.assembly = Assembly(problem, relaxed)
         self.scale = 1.0 / max(problem.total_samples, 1)
-        self.monitor, self.deadline = monitor, deadline
+        self.monitor, self.deadline = None if is_copy() else monitor, deadline
         self.iterations = 0
         self.best: tuple[float, np.ndarray] | None = None
         self.history: list[float] = []

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
 
+from pneuid.ahead import in_turn
 from pneuid.estimation.shooting import TIGHT, Shooting
 from pneuid.estimation.solver import INTERRUPTED
 from pneuid.estimation.stages import End, Relaxed, tight_stage
@@ -65,15 +68,19 @@ def _to_its_end(task: Task, start: Mapping[str, float]) -> Found:
 
 
 def _cheapest(
-    task: Task, found: Found, starts: Iterable[Mapping[str, float]], fitted: Callable[..., Found] = _once
+    task: Task, found: Found, starts: Sequence[Mapping[str, float]], fitted: Callable[..., Found] = _once
 ) -> Found:
     """The relaxed fit ``found``, or one ``fitted`` from the ``starts`` that costs clearly less; labelled so where stopped."""
-    best = found
-    for start in starts:
-        other = fitted(task, start)
-        if other[1].outcome.status == INTERRUPTED:
-            problem, soft = best
-            return problem, replace(soft, outcome=replace(soft.outcome, status=INTERRUPTED))
-        if End(*other).relaxed_cost < End(*best).relaxed_cost - SURE:
-            best = other
-    return best
+    best, stopped = found, False
+    with closing(in_turn([partial(fitted, task, start) for start in starts], (task.plant, *task.runs))) as ends:
+        try:
+            for other in ends:
+                stopped = other[1].outcome.status == INTERRUPTED
+                if stopped:
+                    break
+                if End(*other).relaxed_cost < End(*best).relaxed_cost - SURE:
+                    best = other
+        except KeyboardInterrupt:
+            stopped = True
+    problem, soft = best
+    return (problem, replace(soft, outcome=replace(soft.outcome, status=INTERRUPTED))) if stopped else best

@@ -9,7 +9,7 @@ import numpy as np
 
 from pneuid.criticism.prediction.frozen import Frozen
 from pneuid.criticism.prediction.memory import carried
-from pneuid.estimation.first_guess import bristle, first_nodes, followed_effects
+from pneuid.estimation.first_guess import first_states
 from pneuid.estimation.preparation import Run
 from pneuid.interval import IntervalFunction
 from pneuid.simulate import estimate_start
@@ -93,12 +93,12 @@ def starts_of(
 ) -> Starts:
     """Start states of the windows that begin at the samples ``first``, slow effect states with what the windows before tell."""
     plant, loose = model.plant, loose_prior(model)
-    guess, prior = guessed(model, run)[first], np.tile(loose, (first.size, 1))
+    every, decay = first_states(plant, run, run.motion, dict(model.values))
+    guess, prior = every[:, first].T, np.tile(loose, (first.size, 1))
     states = start_states(model, function, guess, data, theta, prior)
     if not plant.effect_states:
         return Starts(states, prior)
-    own, values = slice(plant.explicit_count + 1, None), dict(model.values)
-    _, decay = followed_effects(plant, run, run.motion, bristle(plant, run, run.motion, values), values)
+    own = slice(plant.explicit_count + 1, None)
     forgotten = np.cumsum(decay * run.data[0], axis=1)[:, first].T
     guess[:, own], told = carried(states[:, own], guess[:, own], forgotten, loose[own])
     if np.array_equal(told, prior[:, own]):
@@ -109,7 +109,7 @@ def starts_of(
 
 def guessed(model: Frozen, run: Run) -> np.ndarray:
     """State guesses ``(N, ns)`` at every sample, from the measurements."""
-    return first_nodes(model.plant, [run], [run.motion], dict(model.values), 1).T
+    return first_states(model.plant, run, run.motion, dict(model.values))[0].T
 
 
 def stretched(start: Any, z: int, ratio: float) -> Any:

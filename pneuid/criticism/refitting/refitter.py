@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
-from itertools import zip_longest
 from typing import Any
 
+from pneuid.ahead import Ahead, may_begin
 from pneuid.criticism.refitting.refits import (
     Asked,
     Standing,
@@ -94,14 +94,15 @@ class Refitter:
     def each(self, base: Fit, asked: Sequence[Asked]) -> Iterator[tuple[Asked, Callable[[], Fit]]]:
         """What is asked for, in its order, each with a function that makes its fit or waits for it.
 
-        With several processes all of them are begun at once; one that is not waited for is made in vain.
+        With several processes all of them are begun at once, on several cores of this one as many as there are; one that is
+        not waited for is made in vain.
         """
         standing = Standing.of(base)
-        if isinstance(self.pool, InProcess):
-            for one, later in zip_longest(asked, asked[1:]):
-                yield one, partial(self._here, base, standing, one, later)
-            return
         keys = [self._key(standing, one) for one in asked]
+        if isinstance(self.pool, InProcess):
+            for one, make in zip(asked, self._made_here(base, standing, asked, keys), strict=True):
+                yield one, make
+            return
         missing = [i for i, key in enumerate(keys) if key not in self.store]
         tasks = [self._task(standing, asked[i]) for i in missing]
         coming = self.pool.each(_made, tasks)
@@ -145,16 +146,26 @@ class Refitter:
         """The same model fitted to other runs."""
         return on_runs(Standing.of(base), runs, self.monitor)
 
-    def _here(self, base: Fit, standing: Standing, asked: Asked, later: Asked | None) -> Fit:
-        """The fit made here, while what the ``later`` one needs is compiled."""
-        key = self._key(standing, asked)
-        if key in self.store:
-            return self._rebuilt(base, asked, self.store[key])
-        if later is not None:
-            begin_refit(standing, later, self.order)
-        found = refit(standing, asked, self.order, self.monitor)
-        self.store.put(key, Solution.of(found).to_dict())
-        return found
+    def _made_here(
+        self, base: Fit, standing: Standing, asked: Sequence[Asked], keys: Sequence[str]
+    ) -> list[Callable[[], Fit]]:
+        """What makes the fits on this machine: on several cores the next one is begun meanwhile, on one it is compiled."""
+        left = [i for i, key in enumerate(keys) if key not in self.store]
+        ahead = Ahead([partial(self._solution, standing, asked[i]) for i in left])
+
+        def wait(i: int) -> Fit:
+            if keys[i] not in self.store:
+                place = left.index(i)
+                if place + 1 < len(left) and not may_begin():
+                    begin_refit(standing, asked[left[place + 1]], self.order)
+                self.store.put(keys[i], ahead.result(place))
+            return self._rebuilt(base, asked[i], self.store[keys[i]])
+
+        return [partial(wait, i) for i in range(len(asked))]
+
+    def _solution(self, standing: Standing, asked: Asked) -> dict[str, Any]:
+        """The refit that is asked for, as the store keeps it."""
+        return Solution.of(refit(standing, asked, self.order, self.monitor)).to_dict()
 
     def _rebuilt(self, base: Fit, asked: Asked, content: Mapping[str, Any]) -> Fit:
         solution = Solution.from_dict(content)

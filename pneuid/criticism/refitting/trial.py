@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from pneuid.ahead import in_turn
 from pneuid.criticism.prediction.frozen import Frozen
 from pneuid.criticism.prediction.horizons import Prediction, predict, rmse, typical
 from pneuid.criticism.prediction.noise_floor import NoiseFloor, noise_floors
@@ -50,12 +52,14 @@ class Judge:
 
     def trial(self, found: Fit, added: str | None = None) -> Trial:
         """Predict the held-out runs and the training runs by a fit, to which the effect ``added`` was added last."""
-        return self._trial(found, predict(Frozen.of(found), self.held), added)
+        model = Frozen.of(found)
+        each = in_turn([partial(predict, model, runs) for runs in (self.held, found.runs)], (*self.held, *found.runs))
+        return self._trial(found, next(each), next(each), added)
 
     def across(self, found: Fit, others: Sequence[Fit], added: str | None = None) -> Trial:
         """The same of a fit to all runs, each held-out run predicted by that one of ``others`` which was not fitted to it."""
         ahead = [one for fit, run in zip(others, self.held, strict=True) for one in predict(Frozen.of(fit), [run])]
-        return self._trial(found, ahead, added)
+        return self._trial(found, ahead, predict(Frozen.of(found), found.runs), added)
 
     def unseen(self, trial: Trial) -> float:
         """The trial's error where a bench's held-out runs tell nothing of states that they do not forget."""
@@ -63,9 +67,10 @@ class Judge:
             return trial.error
         return _weighted(typical(unseen(trial.fit, self.held), trial.fit.plant.outputs), self.usual)
 
-    def _trial(self, found: Fit, ahead: Sequence[Prediction], added: str | None) -> Trial:
+    def _trial(
+        self, found: Fit, ahead: Sequence[Prediction], again: Sequence[Prediction], added: str | None
+    ) -> Trial:
         on_held, usual = rmse(ahead, found.plant.outputs), typical(ahead, found.plant.outputs)
-        again = predict(Frozen.of(found), found.runs)
         on_train, usual_train = rmse(again, found.plant.outputs), typical(again, found.plant.outputs)
         errors = _weighted(usual, self.usual), _weighted(on_held, self.floor)
         return Trial(found, *errors, on_train, on_held, usual, usual_train, added)

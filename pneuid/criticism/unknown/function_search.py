@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from pneuid.ahead import Ahead
 from pneuid.criticism.prediction.frozen import Frozen
 from pneuid.criticism.prediction.horizons import predict, rmse
 from pneuid.criticism.prediction.uncovered import outside
@@ -231,11 +233,13 @@ def judged(
     Where these bear none out, that which follows the training runs best. ``before`` : the error without any.
     """
     least = before - LEAST_EXPLAINED * (before - 1.0)
-    found = [(error(joint), joint) for joint in map(probing.fitted, _leaders(ranked, NEAR))]
-    if before > FAR_OFF and not any(then < least for then, _ in found):
-        known = [joint.terms for _, joint in found]
-        others = [terms for terms in _leaders(ranked, FARTHER) if terms not in known]
-        found += [(error(joint), joint) for joint in map(probing.fitted, others)]
+    near = _leaders(ranked, NEAR)
+    others = [terms for terms in _leaders(ranked, FARTHER) if terms not in near] if before > FAR_OFF else []
+    every = Ahead([partial(_tried, probing, terms, error) for terms in (*near, *others)])
+    found = [every.result(i) for i in range(len(near))]
+    if not any(then < least for then, _ in found):
+        found += [every.result(len(near) + i) for i in range(len(others))]
+    every.close()
     borne_out = [pair for pair in found if pair[0] < least]
     # the drop first, where chance alone decides on the held-out runs
     after, best = min(borne_out, key=lambda pair: pair[0]) if borne_out else min(found, key=lambda pair: pair[1].cost)
@@ -245,6 +249,11 @@ def judged(
     gain, enough = probing.start_cost - best.cost, before - ALIKE * (before - after)
     alike = [joint for other, joint in found if joint.cost - best.cost < TIED * gain and (not borne_out or other < enough)]
     return best, after, tuple(joint.terms[0] for joint in alike if joint.terms[0] not in best.terms)
+
+
+def _tried(probing: Probing, terms: tuple[Term, ...], error: Callable[[Joint], float]) -> tuple[float, Joint]:
+    joint = probing.fitted(terms)
+    return error(joint), joint
 
 
 def _leaders(ranked: Sequence[Ranked], share: float) -> list[tuple[Term, ...]]:
