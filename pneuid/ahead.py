@@ -1,4 +1,4 @@
-"""Independent computations begun ahead of being asked for, each in a forked copy of this process on a core of its own.
+"""Independent computations begun ahead of being asked for, each in a forked copy of this process on cores of its own.
 
 A copy has all that was built here, compiled functions above all, so that it begins in milliseconds; what it finds is pickled.
 Nothing is begun where there is one core, inside such a copy, or where no copy may be: Windows has none, macOS' libraries do not
@@ -42,10 +42,11 @@ def may_begin() -> bool:
 class _Copy(Generic[T]):
     """One job in a copy of this process."""
 
-    def __init__(self, job: Callable[[], T], shared: Sequence[object]) -> None:
+    def __init__(self, job: Callable[[], T], shared: Sequence[object], cores: int) -> None:
         self._shared = shared
         self.connection, theirs = multiprocessing.Pipe(duplex=False)
-        self._process = multiprocessing.get_context("fork").Process(target=_work, args=(job, shared, theirs), daemon=True)
+        process = multiprocessing.get_context("fork").Process
+        self._process = process(target=_work, args=(job, shared, cores, theirs), daemon=True)
         self._process.start()
         theirs.close()
         self.answer: bytes | None = None
@@ -83,7 +84,7 @@ class Ahead(Generic[T]):
 
     def __init__(self, jobs: Sequence[Callable[[], T]], shared: Sequence[object] = ()) -> None:
         self._jobs, self._shared = tuple(jobs), tuple(shared)
-        self._most = threads() if may_begin() else 0
+        self._most = min(threads(), len(jobs)) if may_begin() else 0
         self._begun: dict[int, _Copy[T]] = {}
         weakref.finalize(self, _end, self._begun)
 
@@ -109,7 +110,7 @@ class Ahead(Generic[T]):
         for one in range(place, len(self._jobs)):
             working = sum(copy.answer is None for copy in self._begun.values())
             if one not in self._begun and working < self._most:
-                self._begun[one] = _Copy(self._jobs[one], self._shared)
+                self._begun[one] = _Copy(self._jobs[one], self._shared, threads() // self._most)
 
     def _receive(self) -> None:
         """Wait for an answer."""
@@ -130,10 +131,10 @@ def _end(begun: dict[int, Any]) -> None:
         begun.popitem()[1].end()
 
 
-def _work(job: Callable[[], T], shared: Sequence[object], answer: Connection) -> None:
-    """What a copy does: the job, on one core, deaf to ctrl-C, which the process that began it takes care of."""
+def _work(job: Callable[[], T], shared: Sequence[object], cores: int, answer: Connection) -> None:
+    """What a copy does: the job, on its share of the cores, deaf to ctrl-C, which the process that began it takes care of."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.environ.update({_COPY: "1", "PNEUID_THREADS": "1"})
+    os.environ.update({_COPY: "1", "PNEUID_THREADS": str(cores)})
     content = io.BytesIO()
     try:
         _Pickler(content, shared).dump((job(), None))

@@ -11,6 +11,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from typing import Any, Protocol, TypeVar
 
+from pneuid.cores import threads
 from pneuid.errors import ComputationError, UserError
 
 T = TypeVar("T")
@@ -40,7 +41,7 @@ class Processes:
     """``count`` processes of this machine; use it as a context."""
 
     def __init__(self, count: int) -> None:
-        self._pool = ProcessPoolExecutor(count)
+        self._pool = ProcessPoolExecutor(count, initializer=_take, initargs=(max(1, threads() // count),))
 
     def each(self, function: Callable[[T], R], items: Sequence[T]) -> Iterator[tuple[int, R]]:
         """See ``Pool``."""
@@ -55,6 +56,11 @@ class Processes:
     def close(self) -> None:
         """End the processes; tasks that have not begun never do, so an interrupt waits for the running ones only."""
         self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _take(cores: int) -> None:
+    """What a process of several does first: it leaves the others their cores."""
+    os.environ.setdefault("PNEUID_THREADS", str(cores))
 
 
 class Cluster:

@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS: tuple[tuple[str, ...], ...] = (
     ("errors", "resources"),
     ("cores",),  # how many may be used
-    ("pool", "store"),  # where tasks run and what is known already
+    ("ahead", "pool", "store"),  # where tasks run and what is known already
     ("signals", "units"),
     ("formats", "rig", "recording"),
     ("physics",),
