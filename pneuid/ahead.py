@@ -78,28 +78,42 @@ class _Copy(Generic[T]):
 class Ahead(Generic[T]):
     """Results of ``jobs`` that are asked for in their order, while as many as there are cores are made.
 
-    shared : objects that results refer to and need not bring along, such as the recordings of a fit. An error of a job is
-    raised where its result is asked for.
+    One job alone is made here, on all cores; copies begin where a second one in a row is asked for, or with ``begin``.
+
+    shared : objects that results refer to and need not bring along, such as the recordings of a fit; coming : told here of the
+    place of a job that is next. An error of a job is raised where its result is asked for.
     """
 
-    def __init__(self, jobs: Sequence[Callable[[], T]], shared: Sequence[object] = ()) -> None:
-        self._jobs, self._shared = tuple(jobs), tuple(shared)
+    def __init__(
+        self, jobs: Sequence[Callable[[], T]], shared: Sequence[object] = (), coming: Callable[[int], object] = lambda _: None
+    ) -> None:
+        self._jobs, self._shared, self._coming = tuple(jobs), tuple(shared), coming
         self._most = min(threads(), len(jobs)) if may_begin() else 0
         self._begun: dict[int, _Copy[T]] = {}
+        self._last = -2
         weakref.finalize(self, _end, self._begun)
 
     def result(self, place: int) -> T:
         """That of the job at ``place``; jobs before it are given up."""
         for earlier in [one for one in self._begun if one < place]:
             self._begun.pop(earlier).end()
+        in_a_row, self._last = place == self._last + 1, place
         last = place == len(self._jobs) - 1
-        if not self._most or (last and place not in self._begun):
+        if place not in self._begun and (not self._most or last or not in_a_row):
+            if not last:
+                self._coming(place + 1)
             return self._jobs[place]()
         self._fill(place)
         while self._begun[place].answer is None:
             self._receive()
             self._fill(place)
         return self._begun.pop(place).result(self._jobs[place])
+
+    def begin(self) -> None:
+        """Begin at once, for all will be asked for."""
+        self._last = -1
+        if self._most:
+            self._fill(0)
 
     def close(self) -> None:
         """Give up what was begun."""
@@ -110,6 +124,7 @@ class Ahead(Generic[T]):
         for one in range(place, len(self._jobs)):
             working = sum(copy.answer is None for copy in self._begun.values())
             if one not in self._begun and working < self._most:
+                self._coming(one)
                 self._begun[one] = _Copy(self._jobs[one], self._shared, threads() // self._most)
 
     def _receive(self) -> None:
@@ -120,8 +135,9 @@ class Ahead(Generic[T]):
 
 
 def in_turn(jobs: Sequence[Callable[[], T]], shared: Sequence[object] = ()) -> Generator[T]:
-    """Results of the ``jobs`` one after the other, as by ``Ahead``; those not asked for are given up."""
+    """Results of the ``jobs`` one after the other, as by ``Ahead`` and begun at once; those not asked for are given up."""
     with closing(Ahead(jobs, shared)) as ahead:
+        ahead.begin()
         for place in range(len(jobs)):
             yield ahead.result(place)
 

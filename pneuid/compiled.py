@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import tempfile
 import threading
+import time
 from collections.abc import Sequence
 from concurrent.futures import Future
 from functools import lru_cache
@@ -30,6 +31,7 @@ _FLAGS = (
     "-fno-trapping-math", "-ffinite-math-only", "-fno-signed-zeros", "-freciprocal-math", "-fno-semantic-interposition",
 )  # fmt: skip
 _TIMEOUT_SECONDS = 300
+_PATIENCE_SECONDS, _LOOK_SECONDS = 20.0, 0.02
 
 
 @lru_cache(maxsize=1)
@@ -87,8 +89,17 @@ def compiled_library(source: str, prefix: str) -> Path | None:
         return None
     library = _library(source, prefix, tool)
     begun = _BEGUN.pop((os.getpid(), library), None)
+    if begun is None and any(path == library for _, path in _BEGUN):
+        _wait_for(library)
     built = library.exists() or (_build(tool[0], source, library) if begun is None else begun.result())
     return library if built else None
+
+
+def _wait_for(library: Path) -> None:
+    """Until the process that this one is a copy of has compiled a library that it had begun, or too long."""
+    until = time.monotonic() + _PATIENCE_SECONDS
+    while not library.exists() and time.monotonic() < until:
+        time.sleep(_LOOK_SECONDS)
 
 
 def begin(source: str, prefix: str) -> None:

@@ -9,18 +9,14 @@ import signal
 import time
 from functools import partial
 
-import numpy as np
 import pytest
 
 from pneuid import ahead
 from pneuid.ahead import Ahead, in_turn, is_copy, may_begin
 from pneuid.cores import threads
 from pneuid.errors import UserError
-from pneuid.estimation.exact_end import likely_end
 from pneuid.estimation.fit import Fit, sharper
 from pneuid.estimation.solver import solve_relaxed_again
-from pneuid.estimation.stages import Relaxed
-from pneuid.estimation.task import Task
 from tests.helpers import base_fit
 
 needs_copies = pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no process has copies here")
@@ -95,6 +91,7 @@ def _refused() -> int:
 
 def test_the_error_of_a_job_is_raised_where_its_result_is_asked_for(two_cores):
     every = Ahead([partial(_of, 0), _refused, partial(_of, 2)])
+    every.begin()
     assert every.result(0)[0] == 0
     with pytest.raises(UserError, match="no column 'p1'"):
         every.result(1)
@@ -130,8 +127,18 @@ def test_what_both_sides_have_stays_what_it_is(two_cores):
     assert found is shared and word == "found"
 
 
+def test_one_job_alone_is_made_here_and_those_that_follow_in_copies(two_cores):
+    told = []
+    every = Ahead([partial(_of, k) for k in range(5)], coming=told.append)
+    assert every.result(0) == (0, os.getpid(), False) and told == [1]
+    assert every.result(1)[2] and every.result(2)[2] and told[1:4] == [1, 2, 3]
+    leaped = Ahead([partial(_of, k) for k in range(5)])
+    assert not leaped.result(0)[2] and not leaped.result(3)[2]
+
+
 def test_what_nobody_asks_for_is_given_up(two_cores):
     every = Ahead([partial(_of, 0), partial(_of, 1, 60.0), partial(_of, 2, 60.0)])
+    every.begin()
     every.result(0)
     begun = [copy._process.pid for copy in every._begun.values()]
     assert begun and all(_alive(process) for process in begun)
@@ -141,7 +148,7 @@ def test_what_nobody_asks_for_is_given_up(two_cores):
 
 def test_jobs_before_the_one_that_is_asked_for_are_given_up(two_cores):
     every = Ahead([partial(_of, 0, 60.0), partial(_of, 1, 60.0), partial(_of, 2), partial(_of, 3)])
-    every._fill(0)
+    every.begin()
     begun = [copy._process.pid for copy in every._begun.values()]
     assert every.result(2)[0] == 2
     assert len(begun) == 2 and all(_ended_soon(process) for process in begun)
@@ -149,6 +156,7 @@ def test_jobs_before_the_one_that_is_asked_for_are_given_up(two_cores):
 
 def test_an_interrupt_ends_the_copies(two_cores):
     every = Ahead([partial(_of, k, 60.0) for k in range(3)])
+    every.begin()
 
     def stop(_number: int, _frame: object) -> None:
         raise KeyboardInterrupt
@@ -193,18 +201,6 @@ def test_a_fit_is_the_same_on_one_core_and_on_two(monkeypatch):
     alone, beside = (_on(cores, monkeypatch, partial(sharper, base)) for cores in (1, 2))
     assert alone.values == beside.values and alone.relaxed_cost == beside.relaxed_cost
     assert (alone is base) == (beside is base)
-
-
-@needs_copies
-def test_the_way_to_the_exact_fit_is_the_same_on_one_core_and_on_two(monkeypatch):
-    base = base_fit("leakage_internal")
-    task = Task(base.plant, [run.recording for run in base.runs], base.runs, {}, None, again=True)
-    soft = Relaxed(base.relaxed, base.defect_level, base.loose)
-    alone, beside = (_on(cores, monkeypatch, partial(likely_end, task, base.problem, soft)) for cores in (1, 2))
-    assert (alone.hard is None) == (beside.hard is None)
-    if alone.hard is not None:
-        np.testing.assert_array_equal(alone.hard.outcome.X, beside.hard.outcome.X)
-        np.testing.assert_array_equal(alone.hard.spread.std, beside.hard.spread.std)
 
 
 def _told(base: Fit) -> int:

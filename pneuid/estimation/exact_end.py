@@ -4,14 +4,12 @@ windows from two starts agree that the model cannot follow the data."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from itertools import islice
 
 import numpy as np
 
-from pneuid.ahead import in_turn
 from pneuid.estimation.growing import Grown, agree
 from pneuid.estimation.shooting import Shooting
 from pneuid.estimation.solver import INTERRUPTED
@@ -95,9 +93,11 @@ def likely_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
     def windows(X: np.ndarray) -> Exact | None:
         return exact_by_windows(problem, soft.outcome, X, task.monitor, NO_SLACK)[0]
 
-    ways = list(islice(_ways(task, problem, soft, windows), LIKELY if end.near else 0))
-    with closing(in_turn(ways, (problem.plant, *problem.runs))) as ends:
-        return replace(end, hard=next((hard for hard in ends if hard is not None), None))
+    for way in islice(_ways(task, problem, soft, windows), LIKELY if end.near else 0):
+        end = replace(end, hard=way())
+        if end.hard is not None:
+            break
+    return end
 
 
 def _ways(task: Task, problem: Shooting, soft: Relaxed, windows: Callable[[np.ndarray], Exact | None]) -> Iterator[Way]:

@@ -10,7 +10,7 @@ import base64
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from html import escape
 from importlib import metadata
 from pathlib import Path
@@ -18,6 +18,7 @@ from typing import Literal
 
 from matplotlib.figure import Figure
 
+from pneuid.ahead import in_turn
 from pneuid.report.style import ACCEPTED, REJECTED, svg
 
 
@@ -82,12 +83,12 @@ def write_report(path: str | Path, title: str, sections: Sequence[Section]) -> N
     folder.mkdir(exist_ok=True)
     for old in folder.glob("[0-9][0-9]_*.svg"):
         old.unlink()
-    number = 0
-    for section in sections:
-        for picture in (part for part in section.parts if isinstance(part, Picture)):
-            number += 1
-            words = re.sub(r"[^a-z0-9]+", "_", picture.alt.lower()).strip("_")
-            (folder / f"{number:02d}_{words[:48].rstrip('_')}.svg").write_bytes(picture.drawn)
+    pictures = [part for section in sections for part in section.parts if isinstance(part, Picture)]
+    every = zip(pictures, in_turn([partial(svg, picture.figure) for picture in pictures]), strict=True)
+    for number, (picture, drawn) in enumerate(every, 1):
+        vars(picture)["drawn"] = drawn  # what the property would find, drawn beside others
+        words = re.sub(r"[^a-z0-9]+", "_", picture.alt.lower()).strip("_")
+        (folder / f"{number:02d}_{words[:48].rstrip('_')}.svg").write_bytes(drawn)
     part = target.with_name(target.name + ".part")
     # a file name need not be valid text
     part.write_text(page(title, sections), encoding="utf-8", errors="replace")

@@ -11,7 +11,7 @@ from functools import partial
 from importlib.metadata import version
 from typing import Any
 
-from pneuid.ahead import Ahead, may_begin
+from pneuid.ahead import Ahead
 from pneuid.criticism.refitting.refits import (
     Asked,
     Standing,
@@ -149,16 +149,14 @@ class Refitter:
     def _made_here(
         self, base: Fit, standing: Standing, asked: Sequence[Asked], keys: Sequence[str]
     ) -> list[Callable[[], Fit]]:
-        """What makes the fits on this machine: on several cores the next one is begun meanwhile, on one it is compiled."""
+        """What makes the fits on this machine, while the next ones are begun, or compiled."""
         left = [i for i, key in enumerate(keys) if key not in self.store]
-        ahead = Ahead([partial(self._solution, standing, asked[i]) for i in left])
+        jobs = [partial(self._solution, standing, asked[i]) for i in left]
+        ahead = Ahead(jobs, coming=lambda place: begin_refit(standing, asked[left[place]], self.order))
 
         def wait(i: int) -> Fit:
             if keys[i] not in self.store:
-                place = left.index(i)
-                if place + 1 < len(left) and not may_begin():
-                    begin_refit(standing, asked[left[place + 1]], self.order)
-                self.store.put(keys[i], ahead.result(place))
+                self.store.put(keys[i], ahead.result(left.index(i)))
             return self._rebuilt(base, asked[i], self.store[keys[i]])
 
         return [partial(wait, i) for i in range(len(asked))]

@@ -236,6 +236,8 @@ def judged(
     near = _leaders(ranked, NEAR)
     others = [terms for terms in _leaders(ranked, FARTHER) if terms not in near] if before > FAR_OFF else []
     every = Ahead([partial(_tried, probing, terms, error) for terms in (*near, *others)])
+    if len(near) > 1:
+        every.begin()
     found = [every.result(i) for i in range(len(near))]
     if not any(then < least for then, _ in found):
         found += [every.result(len(near) + i) for i in range(len(others))]
