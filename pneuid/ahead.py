@@ -13,6 +13,7 @@ import os
 import pickle
 import signal
 import sys
+import warnings
 import weakref
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
@@ -43,11 +44,14 @@ class _Copy(Generic[T]):
     """One job in a copy of this process."""
 
     def __init__(self, job: Callable[[], T], shared: Sequence[object], cores: int) -> None:
-        self._shared = shared
+        self._shared, self._owner = shared, os.getpid()
         self.connection, theirs = multiprocessing.Pipe(duplex=False)
         process = multiprocessing.get_context("fork").Process
         self._process = process(target=_work, args=(job, shared, cores, theirs), daemon=True)
-        self._process.start()
+        with warnings.catch_warnings():
+            # from Python 3.12 on: a thread might hold a lock that the copy needs; ours wait, or run a compiler
+            warnings.simplefilter("ignore", DeprecationWarning)
+            self._process.start()
         theirs.close()
         self.answer: bytes | None = None
 
@@ -69,7 +73,9 @@ class _Copy(Generic[T]):
         return found
 
     def end(self) -> None:
-        """Stop the copy, whatever it does."""
+        """Stop the copy, whatever it does; a copy that holds another one leaves it alone."""
+        if os.getpid() != self._owner:
+            return
         self._process.kill()
         self._process.join()
         self.connection.close()
@@ -88,7 +94,7 @@ class Ahead(Generic[T]):
         self, jobs: Sequence[Callable[[], T]], shared: Sequence[object] = (), coming: Callable[[int], object] = lambda _: None
     ) -> None:
         self._jobs, self._shared, self._coming = tuple(jobs), tuple(shared), coming
-        self._most = min(threads(), len(jobs)) if may_begin() else 0
+        self._most = min(threads(), len(jobs)) if len(jobs) > 1 and may_begin() else 0
         self._begun: dict[int, _Copy[T]] = {}
         self._last = -2
         weakref.finalize(self, _end, self._begun)

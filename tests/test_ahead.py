@@ -154,6 +154,25 @@ def test_jobs_before_the_one_that_is_asked_for_are_given_up(two_cores):
     assert len(begun) == 2 and all(_ended_soon(process) for process in begun)
 
 
+def _forgets(every: list[Ahead[tuple[int, int, bool]]]) -> bool:
+    every.clear()
+    return is_copy()
+
+
+def test_a_copy_leaves_other_copies_alone(two_cores):
+    held = [Ahead([partial(_of, k, 60.0) for k in range(2)])]
+    held[0].begin()
+    begun = [copy._process for copy in held[0]._begun.values()]
+    assert next(in_turn([partial(_forgets, held), partial(_forgets, held)]))
+    assert all(process.is_alive() for process in begun)
+    held.clear()
+    assert not any(process.is_alive() for process in begun)
+
+
+def test_one_job_needs_no_copy(two_cores):
+    assert list(in_turn([partial(_of, 0)])) == [(0, os.getpid(), False)]
+
+
 def test_an_interrupt_ends_the_copies(two_cores):
     every = Ahead([partial(_of, k, 60.0) for k in range(3)])
     every.begin()

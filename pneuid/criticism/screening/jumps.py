@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from pneuid.ahead import in_turn
 from pneuid.criticism.screening.batches import Batch, batches, in_order
 from pneuid.criticism.screening.fitted import Fitted
 from pneuid.criticism.screening.scores import RUNS_AWAY, Score
@@ -47,14 +49,14 @@ def jumped(
     change that a step makes.
     """
     fitted = Fitted(fit)
-    found: dict[str, Jump] = {}
     little = max(NOTHING, HARDLY * max((score.drop for score in scores), default=0.0))
     every = in_order((score.effect for score in scores), order)
+    looks = []
     for batch in batches(fit.plant, every):  # those of the screening, whose plants are compiled already
         wanted = [effect for effect in batch if effect.name in sizes]
         if wanted:
-            found |= _jumps(fitted, Batch(fitted, batch, order), wanted, sizes, little)
-    return found
+            looks.append(partial(_jumps, fitted, Batch(fitted, batch, order), wanted, sizes, little))
+    return {name: jump for found in in_turn(looks) for name, jump in found.items()}
 
 
 def _jumps(
