@@ -9,14 +9,18 @@ import signal
 import time
 from functools import partial
 
+import numpy as np
 import pytest
 
 from pneuid import ahead
 from pneuid.ahead import Ahead, in_turn, is_copy, may_begin
 from pneuid.cores import threads
 from pneuid.errors import UserError
+from pneuid.estimation.exact_end import likely_end
 from pneuid.estimation.fit import Fit, sharper
 from pneuid.estimation.solver import solve_relaxed_again
+from pneuid.estimation.stages import Relaxed
+from pneuid.estimation.task import Task
 from tests.helpers import base_fit
 
 needs_copies = pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no process has copies here")
@@ -220,6 +224,21 @@ def test_a_fit_is_the_same_on_one_core_and_on_two(monkeypatch):
     alone, beside = (_on(cores, monkeypatch, partial(sharper, base)) for cores in (1, 2))
     assert alone.values == beside.values and alone.relaxed_cost == beside.relaxed_cost
     assert (alone is base) == (beside is base)
+
+
+@needs_copies
+@pytest.mark.parametrize("directly", [True, False])
+def test_the_way_to_the_exact_fit_is_the_same_on_one_core_and_on_two(directly, monkeypatch):
+    """Straight, and where that leads nowhere by paths that are cut and windows that merge."""
+    base = base_fit()
+    task = Task(base.plant, [run.recording for run in base.runs], base.runs, {}, None, again=True)
+    soft = Relaxed(base.relaxed, base.defect_level, base.loose)
+    if not directly:
+        monkeypatch.setattr("pneuid.estimation.exact_end.exact_directly", lambda *_: None)
+    alone, beside = (_on(cores, monkeypatch, partial(likely_end, task, base.problem, soft)) for cores in (1, 2))
+    assert alone.hard is not None and beside.hard is not None
+    np.testing.assert_array_equal(alone.hard.outcome.X, beside.hard.outcome.X)
+    np.testing.assert_array_equal(alone.hard.spread.std, beside.hard.spread.std)
 
 
 def _told(base: Fit) -> int:

@@ -4,12 +4,14 @@ windows from two starts agree that the model cannot follow the data."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from itertools import islice
 
 import numpy as np
 
+from pneuid.ahead import in_turn
 from pneuid.estimation.growing import Grown, agree
 from pneuid.estimation.shooting import Shooting
 from pneuid.estimation.solver import INTERRUPTED
@@ -18,7 +20,9 @@ from pneuid.estimation.stages import (
     Exact,
     Relaxed,
     exact_by_windows,
+    exact_directly,
     exact_from,
+    exact_past_slips,
     exact_stage,
     relaxed_again,
     within_reach,
@@ -93,11 +97,15 @@ def likely_end(task: Task, problem: Shooting, soft: Relaxed) -> End:
     def windows(X: np.ndarray) -> Exact | None:
         return exact_by_windows(problem, soft.outcome, X, task.monitor, NO_SLACK)[0]
 
-    for way in islice(_ways(task, problem, soft, windows), LIKELY if end.near else 0):
-        end = replace(end, hard=way())
-        if end.hard is not None:
-            break
-    return end
+    if not end.near:
+        return end
+    near, at = within_reach(problem, soft.outcome), (problem, soft.outcome, task.monitor)
+    if near and (hard := exact_directly(*at)) is not None:
+        return replace(end, hard=hard)
+    along = [partial(windows, start) for start in window_starts(task, problem, soft)]
+    ways: list[Way] = [partial(exact_past_slips, *at), *along] if near else [*along, partial(exact_stage, *at)]
+    with closing(in_turn(ways[:LIKELY], (problem.plant, *problem.runs))) as ends:
+        return replace(end, hard=next((hard for hard in ends if hard is not None), None))
 
 
 def _ways(task: Task, problem: Shooting, soft: Relaxed, windows: Callable[[np.ndarray], Exact | None]) -> Iterator[Way]:

@@ -197,6 +197,18 @@ def exact_stage(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Ex
     return _finished(fine, _straight(fine, soft, monitor), monitor)
 
 
+def exact_directly(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Exact | None:
+    """The same without a path with cuts."""
+    fine = finely(problem, soft.X, problem.substeps)
+    return _finished(fine, _directly(fine, soft, soft.X, monitor), monitor)
+
+
+def exact_past_slips(problem: Shooting, soft: Outcome, monitor: Monitor | None) -> Exact | None:
+    """The same through paths with cuts alone."""
+    fine = finely(problem, soft.X, problem.substeps)
+    return _finished(fine, _past_slips(fine, soft, monitor), monitor)
+
+
 def exact_by_windows(
     problem: Shooting, soft: Outcome, X: np.ndarray, monitor: Monitor | None, slack: float = SLACK
 ) -> tuple[Exact | None, Grown]:
@@ -305,20 +317,33 @@ def _straight(
     problem: Shooting, soft: Outcome, monitor: Monitor | None, settling: Settling = CLOSE
 ) -> Outcome | None:
     """Best path of one simulation per run, straight from the relaxed nodes; through a path with cuts where it must be."""
+    return _directly(problem, soft, soft.X, monitor, settling) or _past_slips(problem, soft, monitor, settling)
+
+
+def _directly(
+    problem: Shooting, soft: Outcome, X: np.ndarray, monitor: Monitor | None, settling: Settling = CLOSE
+) -> Outcome | None:
+    """Best path of one simulation per run from ``X``, where it comes near the relaxed fit."""
+    found = walked(Chained(problem), X, monitor, settling)
+    return found if found.success and found.cost < NEAR_RELAXED * (soft.cost + soft.penalty) else None
+
+
+def _past_slips(
+    problem: Shooting, soft: Outcome, monitor: Monitor | None, settling: Settling = CLOSE
+) -> Outcome | None:
+    """The same from where a path leads that is cut at the slips that happen at a wrong time."""
     end, _ = problem.evaluate_values(soft.X)
     jump = np.abs(problem.defects(end, soft.X)).max(axis=1, initial=0.0)
-    tried: list[tuple[int, ...]] = [()]
+    tried: list[tuple[int, ...]] = []
     for size in CUT_ABOVE:
         cuts = problem.linked[jump > size * np.median(jump)] if jump.size else np.zeros(0, dtype=int)
         if 0 < cuts.size <= max(LARGEST_CUTS * problem.nint, 3):
             tried.append(tuple(int(i) for i in cuts))
     for cuts in dict.fromkeys(tried):
-        X = soft.X
-        if cuts:
-            broken = Chained(problem, cuts)
-            X = broken.to_base(solve_chained(broken, broken.from_base(X), monitor).X)
-        found = walked(Chained(problem), X, monitor, settling)
-        if found.success and found.cost < NEAR_RELAXED * (soft.cost + soft.penalty):
+        broken = Chained(problem, cuts)
+        X = broken.to_base(solve_chained(broken, broken.from_base(soft.X), monitor).X)
+        found = _directly(problem, soft, X, monitor, settling)
+        if found is not None:
             return found
     return None
 
