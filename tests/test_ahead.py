@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import multiprocessing
 import os
 import pickle
@@ -58,7 +59,7 @@ def test_results_come_in_the_order_of_the_jobs_from_copies(two_cores):
     # the first takes longest
     found = list(in_turn([partial(_of, k, 0.3 if k == 0 else 0.0) for k in range(5)]))
     assert [number for number, _, _ in found] == list(range(5))
-    assert all(copy for _, _, copy in found[:-1]) and os.getpid() not in {process for _, process, _ in found[:-1]}
+    assert all(there for _, _, there in found[:-1]) and os.getpid() not in {process for _, process, _ in found[:-1]}
     assert not is_copy()
 
 
@@ -144,7 +145,7 @@ def test_what_nobody_asks_for_is_given_up(two_cores):
     every = Ahead([partial(_of, 0), partial(_of, 1, 60.0), partial(_of, 2, 60.0)])
     every.begin()
     every.result(0)
-    begun = [copy._process.pid for copy in every._begun.values()]
+    begun = [one._process.pid for one in every._begun.values()]
     assert begun and all(_alive(process) for process in begun)
     del every
     assert all(_ended_soon(process) for process in begun)
@@ -153,7 +154,7 @@ def test_what_nobody_asks_for_is_given_up(two_cores):
 def test_jobs_before_the_one_that_is_asked_for_are_given_up(two_cores):
     every = Ahead([partial(_of, 0, 60.0), partial(_of, 1, 60.0), partial(_of, 2), partial(_of, 3)])
     every.begin()
-    begun = [copy._process.pid for copy in every._begun.values()]
+    begun = [one._process.pid for one in every._begun.values()]
     assert every.result(2)[0] == 2
     assert len(begun) == 2 and all(_ended_soon(process) for process in begun)
 
@@ -166,7 +167,7 @@ def _forgets(every: list[Ahead[tuple[int, int, bool]]]) -> bool:
 def test_a_copy_leaves_other_copies_alone(two_cores):
     held = [Ahead([partial(_of, k, 60.0) for k in range(2)])]
     held[0].begin()
-    begun = [copy._process for copy in held[0]._begun.values()]
+    begun = [one._process for one in held[0]._begun.values()]
     assert next(in_turn([partial(_forgets, held), partial(_forgets, held)]))
     assert all(process.is_alive() for process in begun)
     held.clear()
@@ -189,7 +190,7 @@ def test_an_interrupt_ends_the_copies(two_cores):
     try:
         with pytest.raises(KeyboardInterrupt):
             every.result(0)
-        begun = [copy._process.pid for copy in every._begun.values()]
+        begun = [one._process.pid for one in every._begun.values()]
         every.close()
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
@@ -211,6 +212,13 @@ def test_a_problem_goes_to_another_process_and_comes_back():
     X = base_fit("leakage_internal").relaxed.X
     assert again.evaluate_values(X)[1] == problem.evaluate_values(X)[1]
     assert len(content.getvalue()) < 20_000  # recordings stay where they are
+
+
+def test_a_copy_of_a_problem_shares_what_it_holds():
+    problem = base_fit("leakage_internal").problem
+    other = copy.copy(problem)
+    other.relaxation = 7.0
+    assert other.data is problem.data and other.function is problem.function and problem.relaxation != 7.0
 
 
 def _on(cores: int, monkeypatch, make):

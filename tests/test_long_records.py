@@ -23,6 +23,7 @@ from pneuid.estimation.solver import Outcome
 from pneuid.estimation.stages import Exact, Relaxed, loose_cost
 from pneuid.estimation.task import Task, values_at
 from pneuid.estimation.thinning import LONG, section, sections
+from pneuid.mapped import Trajectories
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.rig import Rig
@@ -279,8 +280,10 @@ def test_a_refined_path_has_the_fine_residual_and_nearly_the_fine_slopes():
     assert np.diag(near.gram[0])[:nq] == pytest.approx(information, rel=0.1)
 
     # data that the fine step explains to the last digit: there its fit is at the optimum, and the coarse one's is not
+    run = Trajectories(fine.function.trajectory, exact.lengths)
+    shown = run(exact.split(at)[1], fine.data, fine.theta(at[:nq]))[0].reshape(-1, len(plant.outputs)).T
     for problem in (fine, coarse):
-        problem.data[-6:-3] = exact.walked(at).shown
+        problem.data[-6:-3] = shown
     refined, rough = (problem.evaluate(at).gram[0, :nq, -1] for problem in (Refined(fine, coarse), Chained(coarse)))
     assert np.max(np.abs(refined) / np.sqrt(information)) < 1e-6
     assert np.max(np.abs(rough) / np.sqrt(information)) > 0.3

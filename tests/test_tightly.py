@@ -38,6 +38,7 @@ def _tightly(monkeypatch, found: float, *costs: float, relaxation: float = TIGHT
         cost = coming.pop(0)
         return end(abs(cost), status=INTERRUPTED if cost < 0.0 else "done")
 
+    monkeypatch.setenv("PNEUID_THREADS", "1")  # copies of this process would keep to themselves what they were asked
     monkeypatch.setattr(tight, "relaxed_fit", made)
     monkeypatch.setattr(tight, "values_at", lambda problem, _: FOUND | {"Fc": problem.cost})
     task = Task(SEAL, [], (), {"v": np.zeros(1)}, None)

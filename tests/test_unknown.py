@@ -156,6 +156,7 @@ def _judged(monkeypatch, ranked, costs, errors, before=100.0):
         return SimpleNamespace(terms=tuple(terms), cost=costs[tuple(terms)])
 
     probes = SimpleNamespace(start_cost=1000.0, fitted=fitted)
+    monkeypatch.setenv("PNEUID_THREADS", "1")  # copies of this process would keep to themselves what they were asked
     monkeypatch.setattr("pneuid.criticism.unknown.function_search._with_second", lambda _probing, _ranked, joint: joint)
     best, after, ties = judged(probes, ranked, before, lambda joint: errors[joint.terms])  # type: ignore[arg-type]
     return best.terms, after, ties, asked

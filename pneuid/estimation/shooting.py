@@ -172,6 +172,12 @@ class Shooting:
         made = self.plant, self.runs, self.free, self.values, self.ranges, self.substeps, self.samples
         return _made_again, (*made, self.smoothing, self.relaxation)
 
+    def __copy__(self) -> Shooting:
+        """Another problem that shares what this one holds; without this it would be made again from its arguments."""
+        other = object.__new__(type(self))
+        other.__dict__.update(vars(self))
+        return other
+
     @cached_property
     def _map_values(self) -> Mapped:
         return Mapped(self.function.values, self.nint, threads())
