@@ -1,8 +1,9 @@
 """Independent computations begun ahead of being asked for, each in a forked copy of this process on cores of its own.
 
 A copy has all that was built here, compiled functions above all, so that it begins in milliseconds; what it finds is pickled.
-Nothing is begun where there is one core, inside such a copy, or where no copy may be: Windows has none, macOS' libraries do not
-outlive one, a daemon may have no children. Then everything is made here when it is asked for, with the same result.
+Nothing is begun where there is one core or too little memory, inside such a copy, or where no copy may be: Windows has none,
+macOS' libraries do not outlive one, a daemon may have no children. Then everything is made here when it is asked for, with the
+same result.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ from pneuid.cores import threads
 
 T = TypeVar("T")
 
+SHARE_OF_MEMORY = 0.5
+"""Share of the machine's memory that copies may take: a fit to a million samples takes some 3 GB."""
+
 _COPY = "PNEUID_COPY"
 """Variable of the environment of a copy."""
 
@@ -38,6 +42,14 @@ def may_begin() -> bool:
     if threads() == 1 or is_copy() or multiprocessing.current_process().daemon:
         return False
     return sys.platform != "darwin" and "fork" in multiprocessing.get_all_start_methods()
+
+
+def _room() -> int:
+    """Copies at once for which there is memory, each of them as large as this process has ever been."""
+    import resource  # noqa: PLC0415 - Windows, which has no copies, lacks it
+
+    largest = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return int(SHARE_OF_MEMORY * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / largest)
 
 
 class _Copy(Generic[T]):
@@ -94,7 +106,8 @@ class Ahead(Generic[T]):
         self, jobs: Sequence[Callable[[], T]], shared: Sequence[object] = (), coming: Callable[[int], object] = lambda _: None
     ) -> None:
         self._jobs, self._shared, self._coming = tuple(jobs), tuple(shared), coming
-        self._most = min(threads(), len(jobs)) if len(jobs) > 1 and may_begin() else 0
+        most = min(threads(), len(jobs), _room()) if may_begin() else 0
+        self._most = most if most > 1 else 0
         self._begun: dict[int, _Copy[T]] = {}
         self._last = -2
         weakref.finalize(self, _end, self._begun)

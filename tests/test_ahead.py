@@ -9,6 +9,7 @@ import pickle
 import signal
 import time
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -83,6 +84,16 @@ def test_copies_share_the_cores(monkeypatch):
         pytest.skip("no process has copies here")
     assert next(in_turn([threads, threads])) == 2
     assert list(in_turn([threads] * 9))[:-1] == [1] * 8
+
+
+@pytest.mark.parametrize(("largest", "most"), [(0.6, 0), (0.4, 2), (0.3, 3), (0.01, 4)])
+def test_no_more_copies_are_begun_than_fit_into_memory(largest, most, two_cores, monkeypatch):
+    """Each may grow as large as this process has been; ``largest`` is that, in units of what all may take together."""
+    monkeypatch.setenv("PNEUID_THREADS", "8")
+    monkeypatch.setattr("os.sysconf", {"SC_PAGE_SIZE": 4096, "SC_PHYS_PAGES": 2**20}.__getitem__)
+    kilobytes = largest * ahead.SHARE_OF_MEMORY * 4 * 2**20
+    monkeypatch.setattr("resource.getrusage", lambda _: SimpleNamespace(ru_maxrss=kilobytes))
+    assert Ahead([_refused] * 4)._most == most
 
 
 def test_a_daemon_begins_none(two_cores, monkeypatch):
