@@ -25,6 +25,6 @@ def stretches(touching: np.ndarray, every: int) -> tuple[np.ndarray, np.ndarray]
         if lost and np.count_nonzero(~behind) >= every / 2:
             first.append(k)
             lost = False
-        held[start : start + every] = ~behind & ~lost
+        held[start : start + every] = False if lost else ~behind
         lost = lost or bool(behind[-1])
     return np.array(first), held
