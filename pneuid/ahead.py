@@ -1,6 +1,7 @@
 """Independent computations begun ahead of being asked for, each in a forked copy of this process on cores of its own.
 
-A copy has all that was built here, compiled functions above all, so that it begins in milliseconds; what it finds is pickled.
+A copy has all that was built here, compiled functions above all, so that it begins in milliseconds; what it finds is pickled. A
+pool's workers would have to be sent the jobs, which hold what cannot be.
 Nothing is begun where there is one core or too little memory, inside such a copy, or where no copy may be: Windows has none,
 macOS' libraries do not outlive one, a daemon may have no children. Then everything is made here when it is asked for, with the
 same result.

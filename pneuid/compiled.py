@@ -31,7 +31,7 @@ _FLAGS = (
     "-fno-trapping-math", "-ffinite-math-only", "-fno-signed-zeros", "-freciprocal-math", "-fno-semantic-interposition",
 )  # fmt: skip
 _TIMEOUT_SECONDS = 300
-_PATIENCE_SECONDS, _LOOK_SECONDS = 20.0, 0.02
+_PATIENCE_SECONDS, _LOOK_SECONDS = 20.0, 0.02  # ten times what a library takes
 
 
 @lru_cache(maxsize=1)

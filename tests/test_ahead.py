@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import threading
 import time
 from functools import partial
 from types import SimpleNamespace
@@ -14,7 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pneuid import ahead
+from pneuid import ahead, compiled
 from pneuid.ahead import Ahead, in_turn, is_copy, may_begin
 from pneuid.cores import threads
 from pneuid.errors import UserError
@@ -258,6 +259,20 @@ def test_the_way_to_the_exact_fit_is_the_same_on_one_core_and_on_two(directly, m
     assert alone.hard is not None and beside.hard is not None
     np.testing.assert_array_equal(alone.hard.outcome.X, beside.hard.outcome.X)
     np.testing.assert_array_equal(alone.hard.spread.std, beside.hard.spread.std)
+
+
+def test_a_copy_waits_for_what_its_parent_compiles(tmp_path, monkeypatch):
+    source, began = "int nothing;", time.monotonic()
+    tool = compiled.compiler()
+    if tool is None:
+        pytest.skip("no compiler here")
+    monkeypatch.setenv("PNEUID_CACHE", str(tmp_path))
+    library = compiled._library(source, "waited", tool)
+    monkeypatch.setattr(compiled, "_BEGUN", {(os.getppid(), library): None})
+    monkeypatch.setattr(compiled, "_build", lambda *_: pytest.fail("compiled twice"))
+    threading.Timer(0.3, library.touch).start()
+    assert compiled.compiled_library(source, "waited") == library
+    assert time.monotonic() - began < 0.5 * compiled._PATIENCE_SECONDS
 
 
 def _told(base: Fit) -> int:

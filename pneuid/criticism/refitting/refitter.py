@@ -94,8 +94,8 @@ class Refitter:
     def each(self, base: Fit, asked: Sequence[Asked]) -> Iterator[tuple[Asked, Callable[[], Fit]]]:
         """What is asked for, in its order, each with a function that makes its fit or waits for it.
 
-        With several processes all of them are begun at once, on several cores of this one as many as there are; one that is
-        not waited for is made in vain.
+        With several processes all of them are begun at once, and one that is not waited for is made in vain; in this one the
+        first is made alone, and from the second in a row on as many as there are cores.
         """
         standing = Standing.of(base)
         keys = [self._key(standing, one) for one in asked]
