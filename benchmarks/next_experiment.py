@@ -4,7 +4,8 @@
 
 The cases are those that the result file of ``hidden_effects.py`` calls ambiguous, or that ``--cases`` names. The command of the
 proposal is played open loop on the virtual rig that hides the effect (a bench imposes its motion), twice with noise of its
-own: one recording joins the training runs, one the held-out runs. Counts are printed: proposals, verdicts ``effect`` with the
+own: one recording joins the training runs, one the held-out runs. Where it asks for a zero reading, that is taken of the same
+rig's sensors. Counts are printed: proposals, verdicts ``effect`` with the
 right name, and ``ambiguous`` ones among effects that the proposal calls alike.
 """
 
@@ -27,10 +28,13 @@ from pneuid import api
 from pneuid.criticism.decision.diagnosis import Command
 from pneuid.criticism.decision.rest import explained
 from pneuid.criticism.decision.verdict import diagnose
+from pneuid.criticism.decision.zeros import Zeros
 from pneuid.criticism.next_experiment.proposal import for_verdict
 from pneuid.estimation.fit import fit
 from pneuid.recording import Recording
-from pneuid.virtual_rig import Motion, record_bench, record_command
+from pneuid.rig import Rig
+from pneuid.virtual_rig import Motion, record_bench, record_command, record_zero
+from pneuid.zero_reading import ZeroReading
 
 
 def played(case: Case) -> dict[str, Any]:
@@ -42,19 +46,35 @@ def played(case: Case) -> dict[str, Any]:
     before = explained(diagnose(base, held, KNOWN), held)
     row: dict[str, Any] = {"key": case.key, "names": list(case.names), "before": _said(before.diagnosis)}
     proposal = for_verdict(before, base, KNOWN)
-    if proposal is None or proposal.command is None or proposal.excitation is None:
+    if proposal is None or (proposal.command is None and not proposal.read):
         rivals = [] if proposal is None else proposal.rivals
         return row | {"proposed": None, "rivals": rivals, "seconds": time.monotonic() - began}
-    new = [
-        Recording.from_arrays(name, rig, **recorded(case, proposal.command, case.seed * 100 + 50 + i))
-        for i, name in enumerate(("next_1.csv", "next_2.csv"))
-    ]
-    train, held = [*train, new[0]], [*held, new[1]]
-    after = explained(diagnose(fit(api.plant_of(rig), train), held, KNOWN), held)
+    if proposal.command is not None:
+        new = [
+            Recording.from_arrays(name, rig, **recorded(case, proposal.command, case.seed * 100 + 50 + i))
+            for i, name in enumerate(("next_1.csv", "next_2.csv"))
+        ]
+        train, held = [*train, new[0]], [*held, new[1]]
+        base = fit(api.plant_of(rig), train)
+    zero = read_at_zero(case, rig, proposal.read) if proposal.read else None
+    after = explained(diagnose(base, held, KNOWN, zeros=Zeros(zero)), held)
+    names = [*(["zero reading"] if zero else []), *([proposal.excitation.name] if proposal.excitation else [])]
     return row | {
-        "proposed": proposal.excitation.name, "power": proposal.power, "rivals": proposal.rivals,
+        "proposed": " and ".join(names), "power": proposal.power, "rivals": proposal.rivals,
         "after": _said(after.diagnosis), "seconds": time.monotonic() - began,
     }  # fmt: skip
+
+
+def read_at_zero(case: Case, rig: Rig, signals: Sequence[str]) -> ZeroReading:
+    """What the sensors of the case's rig show with both chambers vented and nothing pulling."""
+    if on_bench(case):
+        stand = standing(case)
+        bench = bench_rig(stand)
+        shown = record_zero(hidden_of(stand, bench.truth.bore), bench.truth.patm, bench.sensors, case.seed)
+    else:
+        drawn, _ = servo_rig(case)
+        shown = record_zero(hidden_of(case, drawn.truth.bore), drawn.truth.patm, drawn.sensors, case.seed)
+    return ZeroReading.from_arrays("zero.csv", rig, **{signal: shown[signal] for signal in signals})
 
 
 def recorded(case: Case, command: Command, seed: int) -> dict[str, np.ndarray]:

@@ -19,13 +19,15 @@ if TYPE_CHECKING:
     from pneuid.errors import ComputationError, UserError
     from pneuid.recording import Recording
     from pneuid.rig import Rig
+    from pneuid.zero_reading import ZeroReading
 
-__all__ = ["ComputationError", "IdentifiedModel", "Recording", "Rig", "UserError", "fit", "load"]
+__all__ = ["ComputationError", "IdentifiedModel", "Recording", "Rig", "UserError", "ZeroReading", "fit", "load"]
 __version__ = "0.1.0"
 
 _HOMES = {
     "IdentifiedModel": "pneuid.api", "fit": "pneuid.api", "load": "pneuid.api", "ComputationError": "pneuid.errors",
     "UserError": "pneuid.errors", "Recording": "pneuid.recording", "Rig": "pneuid.rig",
+    "ZeroReading": "pneuid.zero_reading",
 }  # fmt: skip
 
 

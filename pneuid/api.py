@@ -17,6 +17,7 @@ from pneuid.criticism.comparison.trust import trust
 from pneuid.criticism.decision import rounds, verdict
 from pneuid.criticism.decision.diagnosis import Diagnosis
 from pneuid.criticism.decision.rest import explained
+from pneuid.criticism.decision.zeros import Zeros
 from pneuid.criticism.frames import notebook_html
 from pneuid.criticism.next_experiment.proposal import for_verdict
 from pneuid.criticism.prediction.horizons import predict_free
@@ -39,6 +40,7 @@ from pneuid.pool import InProcess, Pool
 from pneuid.recording import Recording
 from pneuid.rig import Rig
 from pneuid.store import Store
+from pneuid.zero_reading import ZeroReading
 
 MINUTES = 15.0
 """Minutes after which a diagnosis finishes what it has begun and looks for nothing more."""
@@ -67,13 +69,14 @@ class IdentifiedModel:
 
     def diagnose(
         self, runs: Sequence[Recording], hold_out: Sequence[Recording] = (), monitor: Monitor | None = None,
-        minutes: float = MINUTES,
+        minutes: float = MINUTES, zero: ZeroReading | None = None,
     ) -> Diagnosis:  # fmt: skip
         """Which effects of the catalogue are missing; the last run is held out where ``hold_out`` is empty.
 
-        minutes : after these what was begun is finished, nothing more is looked for, and the diagnosis says so.
+        minutes : after these what was begun is finished, nothing more is looked for, and the diagnosis says so; zero : what
+        the sensors show with both chambers vented and nothing pulling, which tells a shifted sensor from a constant force.
         """
-        return diagnose(self, runs, hold_out, monitor, minutes=minutes).diagnosis
+        return diagnose(self, runs, hold_out, monitor, minutes=minutes, zero=zero).diagnosis
 
     def simulate(self, run: Recording) -> dict[str, np.ndarray]:
         """Outputs ``(N,)`` of a free run over the recorded inputs, SI, absolute pressures."""
@@ -221,12 +224,13 @@ def diagnose(
     pool: Pool | None = None,
     store: Store | None = None,
     minutes: float = MINUTES,
+    zero: ZeroReading | None = None,
 ) -> verdict.Verdict:
     """As ``IdentifiedModel.diagnose``, with the rungs climbed; ``say`` receives a sentence per step.
 
     effect_files : the user's own, whose effects are candidates beside the catalogue's; pool : where refits are made, this
     process if left out; store : keeps them, and those in it are not made again; minutes : after these what was begun is
-    finished, nothing more is looked for, and the verdict says so.
+    finished, nothing more is looked for, and the verdict says so; zero : a zero reading, see ``IdentifiedModel.diagnose``.
     """
     until = time.monotonic() + 60.0 * minutes
     train, held = list(runs), list(hold_out)
@@ -242,13 +246,13 @@ def diagnose(
     candidates = CATALOGUE | own | LAW_STEPS
     files = tuple(map(str, effect_files))
     refitter = Refitter(tuple(candidates), monitor, pool or InProcess(), store or Store(), files, until)
-    found = explained(verdict.diagnose(base, held, candidates, refitter, say), held, say)
+    found = explained(verdict.diagnose(base, held, candidates, refitter, say, Zeros(zero)), held, say)
     if found.diagnosis.verdict == "ambiguous":
         say("looking for the recording that tells the candidates apart")
     experiment = for_verdict(found, base, candidates, refitter)
     if experiment is None:
         return found
-    proposed = {"why": experiment.why, "file": None, "power": experiment.power}
+    proposed = {"why": experiment.why, "file": None, "power": experiment.power, "zero_reading": list(experiment.read)}
     return replace(found, diagnosis=replace(found.diagnosis, next_experiment=proposed, command=experiment.command))
 
 

@@ -35,6 +35,7 @@ from pneuid.terminal import (
     warn,
     write_json,
 )
+from pneuid.zero_reading import ZeroReading
 
 _EXAMPLE = """example:
   python -m pneuid.diagnose monday/model.json --data mon_1.csv mon_2.csv --hold-out tue_1.csv --out why
@@ -47,6 +48,9 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument("model", nargs="?", metavar="MODEL", help="model.json of a fit")
     found.add_argument("--data", nargs="+", metavar="RUN", default=[], help="recordings the model is refitted on")
     found.add_argument("--hold-out", nargs="+", metavar="RUN", default=[], help="recordings to judge by")
+    found.add_argument(
+        "--zero", metavar="FILE", help="sensors read with both chambers vented and nothing pulling (docs/next_experiment.md)"
+    )
     add_effect_file_option(found)
     found.add_argument(
         "--minutes", type=float, default=api.MINUTES, metavar="N",
@@ -80,11 +84,12 @@ def _diagnose(given: argparse.Namespace, pool: Pool) -> None:
         every = read_runs([*given.data, *given.hold_out], model.content.rig)
         runs, held = every[: len(given.data)], every[len(given.data) :]
     folder = kept_folder(given, "diagnose", embedded)
+    zero = None if given.zero is None else ZeroReading.read(given.zero, model.content.rig)
     warn(model.content.rig, [*runs, *held])
     store = Store(folder / KNOWN)
     with Progress() as progress:
         progress.doing("fitting the model again on its relaxed problem")
-        how = progress.monitor, progress.doing, given.effect_file, pool, store, given.minutes
+        how = progress.monitor, progress.doing, given.effect_file, pool, store, given.minutes, zero
         found = api.diagnose(model, runs, held, *how)
         progress.doing("comparing the model as it was with the recordings")
         comparison = model.compare(runs, held)
@@ -119,10 +124,13 @@ def _next(
         return f"record what the sentences above ask for before {path} is used beyond its training runs"
     unknown = diagnosis.unknown.effect if diagnosis.verdict == "unknown" and diagnosis.unknown else None
     if diagnosis.verdict == "ambiguous":
+        steps = []
+        if diagnosis.next_experiment and diagnosis.next_experiment.get("zero_reading"):
+            steps.append("record a zero reading and diagnose again with --zero FILE")
         if diagnosis.command is not None:
             again = "diagnose again with one recording among --data and the other among --hold-out"
-            return f"play {folder / 'next.csv'} on the rig twice, and {again}"
-        return "look at the report, then measure what it asks for"
+            steps.append(f"play {folder / 'next.csv'} on the rig twice, and {again}")
+        return "; where that does not decide, ".join(steps) or "look at the report, then measure what it asks for"
     if not diagnosis.effects and unknown is None:
         return "look in the report at the first of the ranking and at where it fails; record more runs of that kind"
     out = next_folder(path.parent, f"{path.parent.name}_better")

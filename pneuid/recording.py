@@ -7,18 +7,18 @@ Nothing is repaired in silence: what was filled or not used is in ``notes`` and 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pneuid.columns import conversion, listed, used_columns
 from pneuid.errors import UserError
 from pneuid.formats import RawTable, read_table
 from pneuid.rig import Rig
-from pneuid.signals import PRESSURES, SIGNALS
-from pneuid.units import base_unit, factor_and_offset, shown
+from pneuid.signals import PRESSURES
+from pneuid.units import shown
 
 FloatArray = NDArray[np.float64]
 
@@ -88,11 +88,11 @@ class Recording:
         rows = tuple(int(row) for row in table.frame.index)
         digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()
         source = _Source(Path(path).name, where, where, digest, table.row_word, rows)
-        used = _used_columns(table, rig, where)
+        used = used_columns(table, rig, rig.known_signals, where)
         _require(set(used), table, rig, where)
         signals: dict[str, FloatArray] = {}
         for signal, column in used.items():
-            factor, offset = _conversion(signal, column, table, rig, where)
+            factor, offset = conversion(signal, column, table, rig, where)
             values = table.numbers(column, rig.files.gaps and signal != "t", where)
             signals[signal] = factor * values + offset
             source.columns[signal] = (column, values)
@@ -158,65 +158,6 @@ def _vector(signal: str, values: FloatArray, shape: tuple[int, ...], rig: Rig, n
     return array
 
 
-def _used_columns(table: RawTable, rig: Rig, where: str) -> dict[str, str | int]:
-    """Signal -> column: what [columns] says, then the columns that bear a signal's name."""
-    used: dict[str, str | int] = {}
-    for signal, entry in rig.columns.items():
-        column = _mapped(signal, entry.column, table, where)
-        if column in used.values():
-            other = next(name for name, taken in used.items() if taken == column)
-            raise UserError(f"{where}: column {shown(column)} is mapped to {other} and to {signal} (rig: [columns])")
-        used[signal] = column
-    mapped = set(used.values())
-    for signal in rig.known_signals:
-        if signal in used:
-            continue
-        if signal in table.frame.columns and signal not in mapped:
-            used[signal] = signal
-        elif signal in table.apart:
-            raise UserError(f"{where}: column {shown(signal)} cannot be used: {table.apart[signal]}")
-        else:
-            _refuse_other_case(signal, mapped, table, where)
-    return used
-
-
-def _mapped(signal: str, wanted: str | int, table: RawTable, where: str) -> str | int:
-    """The column that [columns] names for ``signal``; refuses one that is not there."""
-    names: list[str | int] = list(table.frame.columns)
-    if isinstance(wanted, int):
-        if wanted > len(names):
-            raise UserError(f"{where}: column {wanted} for {signal} is missing; the file has {len(names)} columns")
-        return names[wanted - 1]
-    # A person may copy the header cell as it stands, unit and all.
-    for name in names:
-        if wanted in (name, f"{name} [{table.units.get(name)}]"):
-            return name
-    reason = table.ignored.get(wanted) or table.apart.get(wanted)
-    why = f"it cannot be used: {reason}" if reason else f"columns there: {_listed(names)}"
-    raise UserError(f"{where}: column {shown(wanted)} for {signal} is missing; {why}")
-
-
-def _listed(names: Sequence[object]) -> str:
-    """Names for a message; a file of hundreds of columns still gives one readable line."""
-    few = ", ".join(str(name) for name in names[:12])
-    return few + (f" and {len(names) - 12} more" if len(names) > 12 else "")
-
-
-def _refuse_other_case(signal: str, mapped: set[str | int], table: RawTable, where: str) -> None:
-    """Refuse ``P1 [kPa]``, which would pass for an absent p1; ``V [V]`` is not a v and stays an extra column."""
-    for name in table.frame.columns:
-        if name in mapped or str(name).lower() != signal.lower() or name not in table.units:
-            continue
-        try:
-            factor_and_offset(table.units[name], SIGNALS[signal].unit, where)
-        except UserError:
-            continue
-        raise UserError(
-            f"{where}: column {shown(name)} is not read as {signal}; name it {signal}, "
-            f'or add {signal} = {{column = "{name}"}} to [columns] in rig.toml'
-        )
-
-
 def _require(found: set[str], table: RawTable | None, rig: Rig, where: str) -> None:
     """Refuse a run without the signals that the rig's kind needs, or with pressures it has no area for."""
     for signal in REQUIRED[rig.kind]:
@@ -224,43 +165,13 @@ def _require(found: set[str], table: RawTable | None, rig: Rig, where: str) -> N
             continue
         there = ""
         if table is not None:
-            there = f"; columns there: {_listed(list(table.frame.columns))}; map it in [columns] in rig.toml"
+            there = f"; columns there: {listed(list(table.frame.columns))}; map it in [columns] in rig.toml"
         raise UserError(
             f"{where}: column {signal} is missing; a {rig.kind} rig needs {', '.join(REQUIRED[rig.kind])}{there}"
         )
     for signal, area, key in (("p1", rig.A1, "bore"), ("p2", rig.A2, "rod")):
         if signal in found and area == 0.0:
             raise UserError(f"{where}: column {signal} is there, but {rig.where} has no cylinder.{key}; add it")
-
-
-def _conversion(signal: str, column: str | int, table: RawTable, rig: Rig, where: str) -> tuple[float, float]:
-    """Factor and offset from the column's numbers to SI, absolute pressure."""
-    entry = rig.columns.get(signal)
-    stated = entry.unit if entry is not None else None
-    header = table.units.get(column)
-    place = f"{where}: column {shown(column)}"
-    unit = stated or header
-    if unit is None:
-        example = SIGNALS[signal].display_unit
-        raise UserError(
-            f"{place} has no unit; write {signal} [{example}] in the header, give its unit in [columns] in rig.toml, or "
-            "write units = true below [files] where the line below the header states them"
-        )
-    if stated is not None and header is not None and stated != header:
-        # mm and millimeter agree; bar and kPa do not, and either could be the one that is wrong.
-        base = base_unit(header, place)
-        if factor_and_offset(stated, base, place) != factor_and_offset(header, base, place):
-            raise UserError(
-                f"{place}: the header says [{header}], rig.toml (columns.{signal}.unit) says {shown(stated)}; "
-                "make them agree"
-            )
-    if entry is not None:
-        factor, offset = entry.factor_and_offset(unit, place)
-    else:
-        factor, offset = factor_and_offset(unit, SIGNALS[signal].unit, place)
-    if signal in PRESSURES and rig.pressure_convention == "gauge":
-        offset += rig.patm
-    return factor, offset
 
 
 def _checked(

@@ -55,7 +55,8 @@ def here():
 def said(results):
     """What may not depend on who computed it; the time a step took does."""
     fields = ("model", "controller", "condition", "supply", "reference", "seed", "gains", "signature")
-    metrics = [replace(own.metrics, step_median=0.0, step_99=0.0) for own in results]
+    # as words, in which one nan is like another
+    metrics = [repr(replace(own.metrics, step_median=0.0, step_99=0.0)) for own in results]
     return [[getattr(own, name) for name in fields] for own in results], metrics
 
 

@@ -2,9 +2,10 @@
 
 It shares no equation and no integrator with the model that is identified from its recordings. The
 rigs are described in ``truth``, what they hide in ``hidden``, in which form in ``forms``; ``recording`` and ``bench`` take
-measurements, ``servo`` is the plant of a control loop, ``files`` writes measurements down.
+measurements, ``at_zero`` reads the sensors alone, ``servo`` is the plant of a control loop, ``files`` writes measurements down.
 """
 
+from pneuid.virtual_rig.at_zero import record_zero
 from pneuid.virtual_rig.bench import record_bench, steady_friction
 from pneuid.virtual_rig.excitation import EXCITATIONS, Excitation
 from pneuid.virtual_rig.files import write_csv
@@ -24,5 +25,5 @@ __all__ = [
     "IDEAL_SENSORS", "MOTIONS", "NOTHING", "OUTSIDE_EFFECTS", "SERVO_SENSORS", "Excitation", "Form", "Friction", "Hidden",
     "Motion", "Outside", "RandomBench", "RandomServo", "Sensors", "ServoPlant", "Sheet", "TruthBench", "TruthServo",
     "drawn_form", "in_proportion", "preset", "random_bench", "random_servo", "reciprocation", "record_bench", "record_command",
-    "record_servo", "run_open_loop", "sine", "steady_friction", "strokes", "write_csv",
+    "record_servo", "record_zero", "run_open_loop", "sine", "steady_friction", "strokes", "write_csv",
 ]  # fmt: skip

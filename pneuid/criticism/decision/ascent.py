@@ -13,10 +13,12 @@ from pneuid.criticism.decision.diagnosis import Candidate
 from pneuid.criticism.decision.evidence import as_screened, leading
 from pneuid.criticism.decision.rivals import better_without, contains
 from pneuid.criticism.decision.rounds import Say, same_floor
+from pneuid.criticism.decision.zeros import Zeros
 from pneuid.criticism.refitting.refitter import Refitter
 from pneuid.criticism.refitting.trial import Judge, Trial
 from pneuid.criticism.screening.scores import Score, screen
 from pneuid.effect import Effect
+from pneuid.estimation.fit import Fit
 
 Chosen = tuple[Score, Trial]
 
@@ -30,7 +32,8 @@ class Ascent(ABC):
     """Where a diagnosis stands.
 
     current, first : trials of the standing model and of the base; named : effects accepted so far; ambiguous : by the name
-    of an accepted effect, those that explain as much; moved : what was said of better starts, and of what all runs show.
+    of an accepted effect, those that explain as much; moved : what was said of better starts, and of what all runs show;
+    zeros : what a zero reading says; refused : fits by the name of the effect whose shift it contradicts.
     """
 
     judge: Judge
@@ -44,6 +47,8 @@ class Ascent(ABC):
     named: list[str] = field(default_factory=list)
     ambiguous: dict[str, tuple[str, ...]] = field(default_factory=dict)
     moved: list[str] = field(default_factory=list)
+    zeros: Zeros = field(default_factory=Zeros)
+    refused: dict[str, Fit] = field(default_factory=dict)
 
     @abstractmethod
     def _best(self, tried: Tried) -> Chosen | None:
@@ -71,7 +76,14 @@ class Ascent(ABC):
 
     def _by_one_floor(self, tried: Tried) -> Tried:
         self.judge, self.current, self.first, tried = same_floor(self.judge, self.current, self.first, tried)
-        return tried
+        return self._possible(tried)
+
+    def _possible(self, tried: Tried) -> Tried:
+        """Those tried that a zero reading does not contradict."""
+        possible = self.zeros.possible(tried)
+        left = {score.effect.name for score, _ in possible}
+        self.refused |= {score.effect.name: trial.fit for score, trial in tried if score.effect.name not in left}
+        return possible
 
     def _take(self, chosen: Chosen | None, tried: Tried, others: Tried | None = None) -> bool:
         """Accept an effect, or a better start of the standing model; False where there is neither.
@@ -88,6 +100,7 @@ class Ascent(ABC):
             self._record(score, trial, keep=bool(self.named))
         if chosen is not None and smaller is None:
             chosen = self._plainest(chosen, others)
+            chosen = self.zeros.preferred(chosen, self._rivals(chosen, others))
         self.rungs += [
             self.rung(trial, False) for _, trial in tried if chosen is None or trial.added != chosen[1].added
         ]
@@ -113,7 +126,10 @@ class Ascent(ABC):
         self.current = trial
 
     def _rivals(self, chosen: Chosen, tried: Tried) -> Tried:
-        """Others that explain as much as the chosen one; none that contains it, or another of them, and gains nothing."""
+        """Others that explain as much as the chosen one; none that contains it, or another of them, and gains nothing, and none
+        beside one that a zero reading shows."""
+        if self.zeros.confirms(chosen[1].fit, chosen[0].effect):
+            return []
         others = [pair for pair in self._alike(chosen, tried) if pair[0] is not chosen[0]]
         return [pair for pair in others if not any(contains(pair, one) for one in (chosen, *others) if one is not pair)]
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pneuid.criticism.decision.acceptance import Tried, inside_bounds
 from pneuid.criticism.decision.rivals import alike, beats, contains, led_there
 from pneuid.criticism.decision.rounds import Say
+from pneuid.criticism.decision.zeros import Zeros
 from pneuid.criticism.refitting.refits import Asked
 from pneuid.criticism.refitting.refitter import Refitter
 from pneuid.criticism.refitting.restarts import CLEARLY
@@ -31,27 +32,29 @@ class Exchange:
 
 
 def exchanged(
-    name: str, smaller: Trial, current: Trial, judge: Judge, refitter: Refitter, candidates: Sequence[Effect], say: Say
-) -> Exchange:
+    name: str, smaller: Trial, current: Trial, judge: Judge, refitter: Refitter, candidates: Sequence[Effect], say: Say,
+    zeros: Zeros,
+) -> Exchange:  # fmt: skip
     """Whether one of a model's effects gives its place to another that does better there.
 
-    name : the effect; smaller : trial of the model without it. To take its place both kinds of runs must tell the other from
-    it, the training runs by their cost and by what is predicted of them: of a seal's friction by pressure a warmth cost a third
-    less in relaxed fits, left 22.6 floors held out and not 23.3, and 8.3 of the training runs and not 6.8. Where it predicts
-    the held-out runs clearly better, it may predict the training runs a little worse: beside a tube an offset of the right
-    pressure left 3.1 and not 4.1 floors, and 3.5 and not 3.4 of the training runs.
+    name : the effect; smaller : trial of the model without it; what ``zeros`` confirm stays. To take its place both kinds of
+    runs must tell the other from it, the training runs by their cost and by what is predicted of them: of a seal's friction by
+    pressure a warmth cost a third less in relaxed fits, left 22.6 floors held out and not 23.3, and 8.3 of the training runs
+    and not 6.8. Where it predicts the held-out runs clearly better, it may predict the training runs a little worse: beside a
+    tube an offset of the right pressure left 3.1 and not 4.1 floors, and 3.5 and not 3.4 of the training runs.
     """
     if current.error - 1.0 < judge.small:
         return Exchange()
     scores = list(screen(smaller.fit, candidates, refitter.order))
     own = next((score for score in scores if score.effect.name == name), None)
-    if own is None:
+    if own is None or zeros.confirms(current.fit, own.effect):
         return Exchange()
     standing = own, current
-    ends = [pair for pair in led_there(standing, scores, [standing], smaller, judge, refitter, say) if inside_bounds(*pair)]
+    there = led_there(standing, scores, [standing], smaller, judge, refitter, say)
+    ends = zeros.possible([pair for pair in there if inside_bounds(*pair)])
     foretold = [pair for pair in ends if _foretold(pair[1], current, judge)]
     best = min((pair for pair in ends if beats(pair[1], current, judge)), key=lambda pair: pair[1].error, default=None)
-    how = scores, {name}, ends, smaller, judge, refitter, say
+    how = scores, {name}, ends, smaller, judge, refitter, say, zeros
     others = [pair for pair in foretold if pair is not best]
     if best is None or not _foretold(best[1], current, judge):
         rivals = _rivals(standing, foretold, smaller, judge)
@@ -78,7 +81,7 @@ def _rivals(one: Pair, others: Tried, smaller: Trial, judge: Judge) -> tuple[Pai
 
 def _mates(
     best: Pair, scores: Sequence[Score], known: set[str], ends: Tried, smaller: Trial, judge: Judge, refitter: Refitter,
-    say: Say,
+    say: Say, zeros: Zeros,
 ) -> Tried:  # fmt: skip
     """Trials with the group mates of what may take the place that have not been looked at, from where that one led.
 
@@ -92,4 +95,4 @@ def _mates(
             say(f"{score.effect.name} from where {best[0].effect.name} led")
             asked = Asked(score.effect, score.whole_start, score.gain)
             found.append((score, judge.trial(refitter.led(smaller.fit, best[1].fit, asked), score.effect.name)))
-    return found
+    return zeros.possible(found)

@@ -21,6 +21,7 @@ from pneuid.criticism.decision.leftover import DEFECT_RATIO, explained_away, exp
 from pneuid.criticism.decision.rounds import Say
 from pneuid.criticism.decision.too_slow import too_slow
 from pneuid.criticism.decision.walk import MINOR, Walk
+from pneuid.criticism.decision.zeros import Zeros
 from pneuid.criticism.prediction.uncovered import uncovered
 from pneuid.criticism.refitting.refitter import Refitter
 from pneuid.criticism.refitting.trial import Trial, judge_of
@@ -113,23 +114,26 @@ def diagnose(
     catalogue: dict[str, Effect],
     refitter: Refitter | None = None,
     say: Say = lambda _: None,
+    zeros: Zeros = Zeros(),  # noqa: B008 - frozen
 ) -> Verdict:
     """Which effects of ``catalogue`` the ``base`` fit lacks, judged on ``hold_out`` runs not used in the fit.
 
-    ``refitter`` makes the refits, in this process if left out; ``say`` receives one sentence per step. The catalogue's order is
-    the order of maps at shared ports.
+    ``refitter`` makes the refits, in this process if left out; ``say`` receives one sentence per step; ``zeros`` says what a
+    zero reading rules out or shows. The catalogue's order is the order of maps at shared ports.
     """
     judge = judge_of(base, [prepare(run, base.plant, base.noise) for run in hold_out])
     current, slow = judge.trial(base), too_slow(base)
-    judged = {name: one for name, one in catalogue.items() if slow is None or one.equation not in ACTING_ON["force"]}
-    walk = Walk(judge, current, current, judged, refitter or Refitter(list(catalogue)), say, slow=slow is not None)
+    open_ones, refits = zeros.left(catalogue), refitter or Refitter(list(catalogue))
+    judged = {name: one for name, one in open_ones.items() if slow is None or one.equation not in ACTING_ON["force"]}
+    walk = Walk(judge, current, current, judged, refits, say, zeros=zeros, slow=slow is not None)
     walk.moved += [] if slow is None else [slow]
     walk.rungs.append(walk.rung(current, True))
     climb(walk)
     walk.moved += [OUT_OF_TIME] if walk.refitter.late() else []
     found = _verdict(walk, slow is not None)
     beyond = [] if found.verdict == "adequate" else uncovered(base, judge.held)
-    found = replace(found, sentences=(*found.sentences, *walk.moved, *beyond), by_all_runs=walk.by_all_runs)
+    read = zeros.said(catalogue, walk.current.fit, walk.refused)
+    found = replace(found, sentences=(*found.sentences, *walk.moved, *read, *beyond), by_all_runs=walk.by_all_runs)
     lacking = None if walk.lacking is None else walk.lacking.fit
     ended = walk.current.error
     near = ended <= STILL_FAR**2 and walk.first.error - ended >= MOSTLY * (walk.first.error - 1.0)

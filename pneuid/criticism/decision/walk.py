@@ -188,7 +188,8 @@ class Walk(Ascent):
             return False
         self.say(why)
         base = self.judge.trial(self._on_all(self.current.fit))
-        both = WalkOnAll(self.judge, base, base, self.catalogue, self.refitter, self.say, ranking=self.ranking)
+        both = WalkOnAll(self.judge, base, base, self.catalogue, self.refitter, self.say, ranking=self.ranking,
+                         zeros=self.zeros, refused=self.refused)
         tried = both.rounds()
         self.moved += both.moved
         for name in both.named:
@@ -267,7 +268,7 @@ class Walk(Ascent):
         place = frozenset(self.named) - {name}
         if (name, place) in self.looked_at or self.refitter.late():
             return name
-        how = self.current, self.judge, self.refitter, list(self.catalogue.values()), self.say
+        how = self.current, self.judge, self.refitter, list(self.catalogue.values()), self.say, self.zeros
         found = exchanged(name, smaller, *how)
         stands = found.taking[0].effect.name if found.taking else name
         self.looked_at |= {(name, place), (stands, place)}
@@ -379,7 +380,7 @@ class Walk(Ascent):
             return False
         catalogue = list(self.catalogue.values())
         both = joined(self.current, self.first, tried, chosen, self.judge, self.refitter, catalogue, self.say, most)
-        if both is None:
+        if both is None or self.zeros.deny(both.trial.fit):
             return False
         self._accept_both(both, tried)
         return True

@@ -3,13 +3,14 @@
 Every excitation of the library is played on each rival. How far a rival can follow the noise-free recording of another,
 when its parameters and states adapt as far as the data in hand and the sensors allow, is one Gauss-Newton step of the
 relaxed problem; what it cannot follow is the separation (half the noncentrality of the likelihood ratio; Atkinson, Fedorov,
-Biometrika 62 (1975) 57, linearised). Rivals that no excitation separates are named as such.
+Biometrika 62 (1975) 57, linearised). What no excitation tells of a shifted sensor, a zero reading may. Rivals that nothing
+separates are named as such.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
@@ -21,6 +22,7 @@ from pneuid.criticism.decision.verdict import Verdict
 from pneuid.criticism.next_experiment.excitations import BENCH_LIBRARY, SERVO_LIBRARY, Excitation
 from pneuid.criticism.next_experiment.playing import Scene, play
 from pneuid.criticism.next_experiment.rival import Rival
+from pneuid.criticism.next_experiment.zeros_to_read import Expected, asked_for, expected, told, would_show
 from pneuid.criticism.refitting.refits import Asked
 from pneuid.criticism.refitting.refitter import Refitter
 from pneuid.criticism.screening.scores import screen
@@ -42,10 +44,11 @@ ALIKE = 4.0
 
 @dataclass(frozen=True)
 class Experiment:
-    """A proposed recording, or that none of the library's helps (``excitation`` and ``command`` None, power 0).
+    """A proposed recording, or that none of the library's helps (``excitation`` and ``command`` None).
 
-    power : chance that it decides; separation in likelihood-ratio units; rivals : what is told apart, those that act alike
-    together; advice : of each that has others like it, the experiment that its effect names.
+    power : chance that it decides, 0 where nothing is proposed; separation in likelihood-ratio units; rivals : what is told
+    apart, those that act alike together; advice : of each that has others like it, the experiment that its effect names;
+    zeros : what a zero reading would show of each rival, empty where none is needed.
     """
 
     excitation: Excitation | None
@@ -54,10 +57,26 @@ class Experiment:
     separation: float
     rivals: tuple[tuple[str, ...], ...]
     advice: Mapping[str, str]
+    zeros: Mapping[str, Expected | None] = field(default_factory=dict)
+
+    @property
+    def read(self) -> tuple[str, ...]:
+        """Signals of a zero reading; none where it is not needed."""
+        return tuple(item.signal for item in self.zeros.values() if item is not None)
 
     @property
     def why(self) -> str:
         """The reason in a sentence."""
+        parts = [self._why_zero] if self.zeros else []
+        return "; ".join([*parts, *([why] if (why := self._why_recording) else [])])
+
+    @property
+    def _why_zero(self) -> str:
+        told = _listed(list(self.zeros), "or")
+        return f"to tell {told}: {asked_for(self.read)}, and --zero FILE when diagnosed again; {would_show(self.zeros)}"
+
+    @property
+    def _why_recording(self) -> str:
         alike = "; ".join(
             f"{_listed(names, 'and')} act alike in every recording of the library (what would tell them: "
             + ", ".join(f"{name}: {self.advice[name]}" for name in names) + ")"
@@ -65,7 +84,7 @@ class Experiment:
             if len(names) > 1
         )  # fmt: skip
         if self.excitation is None or self.command is None:
-            return alike or "no excitation of the library stays within the limits"
+            return alike or ("" if self.zeros else "no excitation of the library stays within the limits")
         told = " from ".join(_listed(names, "or") for names in self.rivals)
         why = (
             f"to tell {told}: {self.excitation.name} of {float(self.command.t[-1]):.0f} s ({self.excitation.says}); of all "
@@ -89,21 +108,33 @@ def propose(fits: Sequence[Fit], effects: Sequence[Effect]) -> Experiment | None
     library = SERVO_LIBRARY if fits[0].plant.servo else BENCH_LIBRARY
     scenes = [(item, scene) for item in library if (scene := play(rivals, item, SECONDS)) is not None]
     pairs = list(combinations(range(len(rivals)), 2))
-    told = np.array([_separations(rivals, scene, pairs) for _, scene in scenes]).reshape(len(scenes), len(pairs))
-    best = told.max(axis=0, initial=0.0)
-    groups = _groups(len(rivals), [pair for pair, value in zip(pairs, best, strict=True) if value < ALIKE])
+    apart_by = np.array([_separations(rivals, scene, pairs) for _, scene in scenes]).reshape(len(scenes), len(pairs))
+    best, seen = apart_by.max(axis=0, initial=0.0), expected(fits, effects)
+    at_zero = np.array([told(seen[i], seen[j]) for i, j in pairs])
+    helped = {i for pair, read in zip(pairs, at_zero, strict=True) if read > NEEDED for i in pair}
+    zeros = {effect.name: seen[i] for i, effect in enumerate(effects) if i in helped}
+    left = np.where(at_zero < NEEDED, best, np.inf) if zeros else best
+    groups = _groups(len(rivals), [pair for pair, value in zip(pairs, left, strict=True) if value < ALIKE])
     names = tuple(tuple(effects[i].name for i in group) for group in groups)
     advice = {effect.name: effect.experiment for effect in effects}
     group_of = {i: k for k, group in enumerate(groups) for i in group}
-    apart = [k for k, (i, j) in enumerate(pairs) if group_of[i] != group_of[j]]
+    # a reading costs seconds; what it tells need not be told again
+    apart = [k for k, (i, j) in enumerate(pairs) if group_of[i] != group_of[j] and np.isfinite(left[k])]
+    sure = _power(float(at_zero[~np.isfinite(left)].min(initial=np.inf))) if zeros else 1.0
     if not scenes or not apart:
-        return Experiment(None, None, 0.0, 0.0, names, advice)
+        return Experiment(None, None, sure if zeros else 0.0, 0.0, names, advice, zeros)
     found = []
-    for (excitation, scene), values in zip(scenes, told, strict=True):
+    for (excitation, scene), values in zip(scenes, apart_by, strict=True):
         separation = float(values[apart].min())
-        power = float(norm.cdf((separation - NEEDED) / (2.0 * np.sqrt(max(separation, 1e-9)))))
-        found.append(Experiment(excitation, scene.command, power, separation, names, advice))
+        found.append(Experiment(excitation, scene.command, sure * _power(separation), separation, names, advice, zeros))
     return max(found, key=lambda item: item.separation)
+
+
+def _power(separation: float) -> float:
+    """Chance that a likelihood ratio of this noncentrality passes what is needed."""
+    if not np.isfinite(separation):
+        return 1.0
+    return float(norm.cdf((separation - NEEDED) / (2.0 * np.sqrt(max(separation, 1e-9)))))
 
 
 def _separations(rivals: Sequence[Rival], scene: Scene, pairs: Sequence[tuple[int, int]]) -> list[float]:

@@ -1,0 +1,104 @@
+"""What a reading of the sensors at zero says of candidates that shift a sensor by a constant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pneuid.criticism.decision.acceptance import Tried
+from pneuid.criticism.refitting.trial import Trial
+from pneuid.criticism.screening.scores import Score
+from pneuid.effect import Effect
+from pneuid.estimation.fit import Fit
+from pneuid.zero_reading import ZeroReading, shown_with
+
+SURE = 3.0
+"""Standard deviations by which a sensor must be off for the reading to show it, and a fit for the two to differ."""
+
+PART = 0.25
+"""Share of what a fit asks for by which the reading may differ: a constant takes up some of whatever else the model lacks."""
+
+READ = "zero reading: {}"
+NONE_OF = "{} ruled out: the sensor shows none"
+OTHER = (
+    "{} ruled out: these runs ask for {}, the sensor shows {}; where that is not next to nothing, take it off in rig.toml "
+    "([columns], offset) and identify again"
+)
+AGREES = "the zero reading shows what these runs ask for: {} of {}, whatever else acts like it"
+
+
+def shifted(effect: Effect) -> str | None:
+    """The signal that an effect shifts by a constant; None for any other effect."""
+    return effect.equation.removeprefix("sensor_") if effect.constant and effect.equation.startswith("sensor_") else None
+
+
+@dataclass(frozen=True)
+class Zeros:
+    """A zero reading as evidence; without one (``reading`` None) nothing is ruled out or confirmed."""
+
+    reading: ZeroReading | None = None
+
+    def left(self, catalogue: Mapping[str, Effect]) -> dict[str, Effect]:
+        """The catalogue without the shifts of sensors whose zero is right."""
+        return {name: effect for name, effect in catalogue.items() if name not in self._absent(catalogue.values())}
+
+    def possible(self, tried: Tried) -> Tried:
+        """Those tried whose shift is not another one than the reading shows."""
+        return [pair for pair in tried if not self.contradicts(pair[1].fit, pair[0].effect)]
+
+    def confirms(self, fit: Fit, effect: Effect) -> bool:
+        """Whether the reading shows the shift that a fit with this effect asks for."""
+        return self._agreement(fit, effect) is True
+
+    def contradicts(self, fit: Fit, effect: Effect) -> bool:
+        """Whether the reading shows another shift than a fit with this effect asks for."""
+        return self._agreement(fit, effect) is False
+
+    def deny(self, fit: Fit) -> bool:
+        """Whether the reading contradicts any effect of a fit."""
+        return any(self.contradicts(fit, effect) for effect in fit.plant.effects)
+
+    def preferred(self, chosen: tuple[Score, Trial], rivals: Tried) -> tuple[Score, Trial]:
+        """Of effects that these data do not tell apart the one that the reading shows, else the chosen one."""
+        return next((pair for pair in (chosen, *rivals) if self.confirms(pair[1].fit, pair[0].effect)), chosen)
+
+    def said(self, catalogue: Mapping[str, Effect], fit: Fit, refused: Mapping[str, Fit]) -> list[str]:
+        """Sentences on what was read, and on what that rules out or shows.
+
+        fit : with what was named; refused : fits by the name of the effect that they were not accepted with for it.
+        """
+        if self.reading is None:
+            return []
+        absent = self._absent(catalogue.values())
+        words = [READ.format(self.reading), *([NONE_OF.format(", ".join(absent))] if absent else [])]
+        for name, other in refused.items():
+            signal = str(shifted(catalogue[name]))
+            zero = self.reading.zeros[signal]
+            words.append(OTHER.format(name, shown_with(signal, *_fitted(other, catalogue[name])),
+                                      shown_with(signal, zero.value, zero.std)))  # fmt: skip
+        agreed = [effect for effect in fit.plant.effects if self.confirms(fit, effect)]
+        words += [AGREES.format(one.name, shown_with(str(shifted(one)), *_fitted(fit, one))) for one in agreed]
+        return words
+
+    def _absent(self, effects: Iterable[Effect]) -> Sequence[str]:
+        """Names of shifts of sensors whose zero is right."""
+        zeros = {} if self.reading is None else self.reading.zeros
+        read = [(effect.name, zeros[signal]) for effect in effects if (signal := shifted(effect) or "") in zeros]
+        return [name for name, zero in read if abs(zero.value) < SURE * zero.std]
+
+    def _agreement(self, fit: Fit, effect: Effect) -> bool | None:
+        """Whether reading and fit agree; None where the effect shifts no sensor that was read, or the fit lacks it."""
+        zero = None if self.reading is None else self.reading.zeros.get(shifted(effect) or "")
+        if zero is None or effect.name not in {other.name for other in fit.plant.effects}:
+            return None
+        value, std = _fitted(fit, effect)
+        return bool(abs(zero.value - value) < max(SURE * np.hypot(zero.std, std), PART * abs(value)))
+
+
+def _fitted(fit: Fit, effect: Effect) -> tuple[float, float]:
+    """The shift in a fit and its standard error, SI; none of a relaxed fit, which knows no error."""
+    (name,) = (item.name for item in effect.parameters(fit.plant.rig, fit.plant.law))
+    errors = {} if fit.spread is None else dict(zip(fit.problem.free, fit.spread.std, strict=True))
+    return fit.values[name], float(errors.get(name, 0.0))
