@@ -33,6 +33,9 @@ BLOCKS = 10
 RESTLESS = 5.0
 """Times the noise of one sample over which the parts' means may range: a chamber that still vents falls by far more."""
 
+VENTED = 50e3
+"""Pa from ambient pressure beyond which no sensor's zero is off, but the chamber is not vented."""
+
 
 @dataclass(frozen=True)
 class Zero:
@@ -120,8 +123,13 @@ def _zero(where: str, rig: Rig, signal: str, values: np.ndarray) -> Zero:
             f"{where}: column {signal} moves by {moved:.3g} {unit.display_unit} while it is read; record once both chambers "
             "are vented, nothing pulls on the rod and all has come to rest"
         )
-    expected = rig.patm if signal in PRESSURES else 0.0
-    return Zero(float(values.mean()) - expected, max(mean_error(noise), float(means.std())))
+    shown = float(values.mean()) - (rig.patm if signal in PRESSURES else 0.0)
+    if signal in PRESSURES and abs(shown) > VENTED:
+        raise UserError(
+            f"{where}: column {signal} is {shown / 1e3:.4g} kPa from ambient pressure; a zero reading is taken with both "
+            "chambers vented: check that, its unit and conventions.pressure"
+        )
+    return Zero(shown, max(mean_error(noise), float(means.std())))
 
 
 def mean_error(noise: float) -> float:

@@ -93,14 +93,18 @@ def _bench_fits(names, own=None):
 
 
 def test_a_bench_is_offered_a_motion_and_told_what_no_motion_tells():
-    """A load and the force sensor's zero are one force on a bench; friction by direction is not, before it slides."""
+    """A load and the force sensor's zero are one force on a bench; friction by direction is not, before it slides.
+
+    No motion tells the first two, but seconds at rest with nothing pulling on the sensor.
+    """
     names = ["gravity", "sensor_offset_F", "friction_direction"]
     fits = _bench_fits(names)
     found = propose(fits, [CATALOGUE[name] for name in names])
     assert found is not None and found.command is not None
-    assert found.rivals == (("gravity", "sensor_offset_F"), ("friction_direction",))
-    assert found.power > 0.99
-    assert "gravity and sensor_offset_F act alike" in found.why and "nothing pulls on it" in found.why
+    assert found.rivals == (("gravity",), ("sensor_offset_F",), ("friction_direction",))
+    assert found.power > 0.99 and found.read == ("F",)
+    assert "a zero reading (nothing pulling on the force sensor, some seconds recorded)" in found.why
+    assert "none for gravity or friction_direction" in found.why and found.excitation.name in found.why
     known = fits[0].ranges
     assert found.command.x.min() >= known["x_low"] - 1e-9 and found.command.x.max() <= known["x_high"] + 1e-9
     assert set(found.command.inputs) == {"p1", "p2"}
@@ -119,11 +123,12 @@ def test_a_bench_with_open_sides_is_offered_a_motion_with_the_pressures_that_it_
     )
 
 
-def test_nothing_is_proposed_among_effects_that_act_alike():
+def test_nothing_is_proposed_among_effects_that_act_alike(monkeypatch):
+    monkeypatch.setattr(proposal, "NEEDED", np.inf)  # no reading can be as sure
     names = ["gravity", "sensor_offset_F"]
     found = propose(_bench_fits(names), [CATALOGUE[name] for name in names])
-    assert found is not None and found.command is None and found.power == 0.0
-    assert "act alike" in found.why
+    assert found is not None and found.command is None and found.power == 0.0 and not found.read
+    assert "gravity and sensor_offset_F act alike" in found.why and "nothing pulls on it" in found.why
 
 
 @pytest.mark.parametrize(

@@ -21,14 +21,14 @@ ROOMS: tuple[tuple[str, ...], ...] = (
     ("cores",),  # how many may be used
     ("ahead", "pool", "store"),  # where tasks run and what is known already
     ("signals", "units"),
-    ("formats", "rig", "recording"),
+    ("formats", "rig", "columns", "recording"),
     ("physics",),
     ("plausibility",),
     ("effect", "effects"),
     ("plant", "own_plant"),
     ("step", "compiled", "vectors", "lanes", "mapped", "interval"),
     ("simulate",),
-    ("estimation",),
+    ("estimation", "zero_reading"),
     ("model",),
     ("criticism",),
     ("api",),
@@ -49,7 +49,8 @@ VIRTUAL_RIG_MAY_IMPORT = {"errors", "signals", "units", "virtual_rig"}
 VIRTUAL_RIG_USERS = set(ROOMS[COMMANDS]) | {"story", "workbench"}
 
 MAY_TOUCH_FILES = (
-    "formats", "rig", "recording", "model", "compiled", "virtual_rig.files", "report", "resources", "story", "store",
+    "formats", "rig", "recording", "zero_reading", "model", "compiled", "virtual_rig.files", "report", "resources", "story",
+    "store",
 )  # fmt: skip
 FILE_FUNCTIONS = {"print", "open", "input", "exec", "eval"}
 FILE_METHODS = {

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from pneuid.errors import UserError
-from pneuid.workbench import look
-from pneuid.workbench.project import Project, demo_project
+from pneuid.workbench import look, reading
+from pneuid.workbench.project import Project, default_role, demo_project
 from pneuid.workbench.regions import region_mask, stretches
 from pneuid.workbench.security import SUFFIXES, LocalOnly, safe_name
 
@@ -208,6 +208,49 @@ def test_roles_are_kept(tmp_path):
     assert "train_1.csv" not in Project(project.folder).of_role("train")
     with pytest.raises(UserError, match="no role"):
         project.set_role("train_1.csv", "judge")
+
+
+@pytest.mark.parametrize(
+    ("name", "role"), [("zero.csv", "zero"), ("Zero_1.mat", "zero"), ("held_3.csv", "hold_out"), ("monday.csv", "train")]
+)
+def test_a_name_may_say_the_role(name, role):
+    assert default_role(name) == role
+
+
+def test_a_zero_reading_is_read_as_one_and_joins_the_diagnosis(bench):
+    path = bench.project.folder / "zero.csv"
+    path.write_text("p1 [kPa],p2 [kPa]\n" + "0.1,7.9\n0.1,8.1\n" * 100)
+    asked = []
+    bench._on_file = lambda _, name, arguments, **more: asked.append((name, arguments, more))
+    bench.look()
+    name, arguments, more = asked[-1]
+    assert name == "read_zero"
+    words = reading.read_zero(**arguments)
+    assert words.startswith("p1 0.10") and "p2 8.0" in words
+    more["then"](words)
+    assert bench.zeros == {"zero.csv": words} and not bench.faults
+    bench.diagnose()
+    assert bench.job.task.arguments["zero"] == ["zero.csv"]
+    # in another role it is a run like any other, and one without motion
+    bench.project.set_role("zero.csv", "train")
+    bench.look()
+    assert asked[-1][0] == "read_run" and not bench.zeros
+
+
+def test_a_single_column_is_an_upload_where_it_is_a_zero_reading(tmp_path):
+    project = demo_project(tmp_path / "demo")
+    for name in ("zero.csv", "run.csv"):
+        (tmp_path / name).write_text("p1 [kPa]\n" + "0.1\n0.2\n" * 100)
+    assert reading.check_upload(tmp_path / "zero.csv", project.rig_text()) == ""
+    with pytest.raises(UserError, match="not a recording"):
+        reading.check_upload(tmp_path / "run.csv", project.rig_text())
+
+
+def test_one_zero_reading_is_used(tmp_path):
+    from pneuid.workbench import computing
+
+    with pytest.raises(UserError, match=r"zero_1\.csv, zero_2\.csv: one zero reading is used"):
+        computing.diagnose(tmp_path, "fit", [], [], ["zero_1.csv", "zero_2.csv"], lambda *_: None, lambda _: None)
 
 
 def test_a_removed_run_is_put_aside(tmp_path):

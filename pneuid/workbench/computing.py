@@ -44,6 +44,7 @@ from pneuid.workbench.project import write
 from pneuid.workbench.regions import region_mask
 from pneuid.workbench.request import FitRequest
 from pneuid.workbench.shapes import SHAPES, shapes_of
+from pneuid.zero_reading import ZeroReading
 
 Report = Callable[[str, int, float], None]
 Say = Callable[[str], None]
@@ -132,11 +133,17 @@ def compare(folder: Path, name: str, train: Sequence[str], held: Sequence[str], 
     return view_of(model.compare(_read(folder, train, rig), _read(folder, held, rig)))
 
 
-def diagnose(folder: Path, name: str, train: Sequence[str], held: Sequence[str], monitor: Report, say: Say) -> str:
-    """Diagnose a model of the project; the folder of diagnosis.json. Raises ``UserError``."""
+def diagnose(
+    folder: Path, name: str, train: Sequence[str], held: Sequence[str], zero: Sequence[str], monitor: Report, say: Say
+) -> str:
+    """Diagnose a model of the project, with a ``zero`` reading or none; the folder of diagnosis.json. Raises ``UserError``."""
+    if len(zero) > 1:
+        raise UserError(f"{', '.join(zero)}: one zero reading is used; give the others the role 'not used' in the Data view")
     model = _fitted(folder, name, train, monitor, say)
+    rig = model.content.rig
+    at_zero = ZeroReading.read(folder / zero[0], rig) if zero else None
     say("screening every effect of the catalogue")
-    found = api.diagnose(model, _read(folder, train, model.content.rig), _read(folder, held, model.content.rig), monitor, say)
+    found = api.diagnose(model, _read(folder, train, rig), _read(folder, held, rig), monitor, say, zero=at_zero)
     target = _free_folder(folder, f"{name}_diagnosed")
     content = {**found.diagnosis.to_dict(), "rungs": to_json(found.rungs), "model": name}
     with _result_folder(target) as part:

@@ -15,7 +15,7 @@ from pneuid.workbench.security import SUFFIXES, safe_name
 
 RIG = "rig.toml"
 SETTINGS = "workbench.json"
-ROLES = ("train", "hold_out", "unused")
+ROLES = ("train", "hold_out", "zero", "unused")
 _SCHEMA = 1
 
 
@@ -165,7 +165,9 @@ class Project:
 
 
 def default_role(name: str) -> str:
-    """``hold_out`` for a file that says so in its name, else ``train``."""
+    """``hold_out`` or ``zero`` (a zero reading) for a file that says so in its name, else ``train``."""
+    if name.lower().startswith("zero"):
+        return "zero"
     return "hold_out" if name.lower().startswith(("hold", "held", "test", "val")) else "train"
 
 

@@ -21,7 +21,9 @@ from pneuid.recording import REQUIRED, Recording
 from pneuid.report.signal_units import axis_label, shown
 from pneuid.rig import Rig
 from pneuid.workbench.payload import Channel, RawPreview, RunData
+from pneuid.workbench.project import default_role
 from pneuid.workbench.rig_text import FILE_DEFAULTS
+from pneuid.zero_reading import ZeroReading
 
 LARGE_TEXT = 8 * 2**20
 """Size in bytes above which a text file is shown thinned while the whole of it is being checked."""
@@ -58,6 +60,11 @@ def read_run(path: Path, rig_text: str) -> RunData:
     rig = rig_of(rig_text)
     run = Recording.read(path, rig)
     return run_data(run, rig)
+
+
+def read_zero(path: Path, rig_text: str) -> str:
+    """What the sensors show in a zero reading, in words, checked as every command checks it. Raises ``UserError``."""
+    return str(ZeroReading.read(path, rig_of(rig_text)))
 
 
 def run_data(run: Recording, rig: Rig, preview: bool = False) -> RunData:
@@ -116,12 +123,14 @@ def check_upload(path: Path, rig_text: str | None) -> str:
         return str(error)
     numeric = _numeric(table)
     mixed = [name for name in table.frame.columns if name not in numeric and _some_number(table.frame[name])]
-    if len(numeric) + len(mixed) < 2:
+    zero = default_role(path.name) == "zero"
+    if len(numeric) + len(mixed) < (1 if zero else 2):
         raise UserError(f"{path.name}: not a recording: it holds no two columns of numbers; give one column per signal")
     if rig_text is None:
         return "there is no rig.toml yet; describe the rig first"
+    reading = ZeroReading if zero else Recording
     try:
-        Recording.read(path, rig_of(rig_text))
+        reading.read(path, rig_of(rig_text))
     except UserError as error:
         if mixed:
             raise

@@ -51,6 +51,7 @@ class Workbench:
         self.files: list[RunFile] = []
         self.data: dict[str, RunData] = {}
         self.faults: dict[str, str] = {}
+        self.zeros: dict[str, str] = {}
         self.doubts: tuple[str, ...] = ()
         self.refused: dict[str, str] = {}
         self.rig_fault = ""
@@ -65,7 +66,7 @@ class Workbench:
         self.job: Job | None = None
         self.said: deque[tuple[int, str, Kind]] = deque(maxlen=20)
         self._said = 0
-        self._seen: dict[str, tuple[int, int]] = {}
+        self._seen: dict[str, tuple[int, int, bool]] = {}
         self._print: Any = None
         self._looked = 0.0
         self._doubtful = False
@@ -116,8 +117,7 @@ class Workbench:
         names = {run.name for run in self.files}
         for gone in set(self._seen) - names:
             del self._seen[gone]
-            self.data.pop(gone, None)
-            self.faults.pop(gone, None)
+            self._forget(gone)
         if rig_changed:
             self._seen.clear()
             self.comparisons.clear()
@@ -125,7 +125,7 @@ class Workbench:
             if self.project.has_rig:
                 self._learn()
         if self.project.has_rig:
-            stamps = {run.name: (run.size, run.changed) for run in self.files}
+            stamps = {run.name: (run.size, run.changed, run.role == "zero") for run in self.files}
             fresh = [run for run in self.files if self._seen.get(run.name) != stamps[run.name]]
             self._seen.update(stamps)
             for run in fresh:
@@ -145,8 +145,17 @@ class Workbench:
                 self.faults.pop(run.name, None)
 
         def failed(message: str) -> None:
-            self.data.pop(run.name, None)
+            self._forget(run.name)
             self.faults[run.name] = self._short(message)
+
+        def read_zero(words: str) -> None:
+            self._forget(run.name)
+            self.zeros[run.name] = words
+
+        if run.role == "zero":
+            self._on_file(f"reading {run.name}", "read_zero", arguments, then=read_zero, otherwise=failed)
+            return
+        self.zeros.pop(run.name, None)
 
         if run.size > LARGEST_RUN:
             failed(
@@ -156,6 +165,11 @@ class Workbench:
         if run.size > _LARGE:
             self._on_file(f"a first look at {run.name}", "preview_run", arguments, then=read)
         self._on_file(f"reading {run.name}", "read_run", arguments, then=read, otherwise=failed)
+
+    def _forget(self, name: str) -> None:
+        """Drop what is known of a file."""
+        for known in (self.data, self.faults, self.zeros):
+            known.pop(name, None)
 
     def _on_file(self, title: str, name: str, arguments: dict[str, Any], **more: Any) -> None:
         """Have the reading process do something with one file, which may end the process, or keep it for ever."""
@@ -346,7 +360,8 @@ class Workbench:
             self.say("diagnosis: done", "positive")
             self.look()
 
-        self._long(f"diagnose {self.model}", "diagnose", self._on_runs(), ("monitor", "say"), diagnosed)
+        arguments = self._on_runs() | {"zero": self.project.of_role("zero")}
+        self._long(f"diagnose {self.model}", "diagnose", arguments, ("monitor", "say"), diagnosed)
 
     def draw_shapes(self, diagnosed: str) -> None:
         """Lay the leading effects of a diagnosis over the defect that its model leaves. Raises ``UserError``."""

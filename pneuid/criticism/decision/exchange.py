@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pneuid.criticism.decision.acceptance import Tried, inside_bounds
 from pneuid.criticism.decision.rivals import alike, beats, contains, led_there
 from pneuid.criticism.decision.rounds import Say
-from pneuid.criticism.decision.zeros import Zeros
+from pneuid.criticism.decision.zeros import NOTHING_READ, Zeros
 from pneuid.criticism.refitting.refits import Asked
 from pneuid.criticism.refitting.refitter import Refitter
 from pneuid.criticism.refitting.restarts import CLEARLY
@@ -33,7 +33,7 @@ class Exchange:
 
 def exchanged(
     name: str, smaller: Trial, current: Trial, judge: Judge, refitter: Refitter, candidates: Sequence[Effect], say: Say,
-    zeros: Zeros,
+    zeros: Zeros = NOTHING_READ,
 ) -> Exchange:  # fmt: skip
     """Whether one of a model's effects gives its place to another that does better there.
 

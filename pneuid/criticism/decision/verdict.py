@@ -21,7 +21,7 @@ from pneuid.criticism.decision.leftover import DEFECT_RATIO, explained_away, exp
 from pneuid.criticism.decision.rounds import Say
 from pneuid.criticism.decision.too_slow import too_slow
 from pneuid.criticism.decision.walk import MINOR, Walk
-from pneuid.criticism.decision.zeros import Zeros
+from pneuid.criticism.decision.zeros import NOTHING_READ, Zeros
 from pneuid.criticism.prediction.uncovered import uncovered
 from pneuid.criticism.refitting.refitter import Refitter
 from pneuid.criticism.refitting.trial import Trial, judge_of
@@ -114,7 +114,7 @@ def diagnose(
     catalogue: dict[str, Effect],
     refitter: Refitter | None = None,
     say: Say = lambda _: None,
-    zeros: Zeros = Zeros(),  # noqa: B008 - frozen
+    zeros: Zeros = NOTHING_READ,
 ) -> Verdict:
     """Which effects of ``catalogue`` the ``base`` fit lacks, judged on ``hold_out`` runs not used in the fit.
 

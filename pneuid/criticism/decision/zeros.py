@@ -97,6 +97,10 @@ class Zeros:
         return bool(abs(zero.value - value) < max(SURE * np.hypot(zero.std, std), PART * abs(value)))
 
 
+NOTHING_READ = Zeros()
+"""What is known where no zero reading was taken."""
+
+
 def _fitted(fit: Fit, effect: Effect) -> tuple[float, float]:
     """The shift in a fit and its standard error, SI; none of a relaxed fit, which knows no error."""
     (name,) = (item.name for item in effect.parameters(fit.plant.rig, fit.plant.law))

@@ -16,7 +16,7 @@ from pneuid.workbench.traces import Line, Row, stack
 from pneuid.workbench.views import mapping
 from pneuid.workbench.views.parts import note, zoomable
 
-_ROLES = {"train": "train", "hold_out": "held out", "unused": "not used"}
+_ROLES = {"train": "train", "hold_out": "held out", "zero": "zero", "unused": "not used"}
 
 _PRESSED = "event => { const row = event.target.closest('.run-row'); if (row) emit(row.dataset.run); }"
 _ENTERED = "event => { if (event.target.matches('.run-row')) emit(event.target.dataset.run); }"
@@ -66,7 +66,7 @@ def _right_state(page: Any) -> Any:
     bench, name = page.bench, _chosen(page)
     run = bench.data.get(name)
     return (tuple(bench.refused.items()), bench.doubts, name, None if run is None else (run.notes, tuple(run.channels)),
-            bench.faults.get(name), bench.project.has_rig, page.ink)  # fmt: skip
+            bench.faults.get(name), bench.zeros.get(name), bench.project.has_rig, page.ink)  # fmt: skip
 
 
 def _right(page: Any) -> None:
@@ -127,6 +127,8 @@ def _runs(page: Any) -> None:
 def _state(bench: Any, name: str, size: int) -> str:
     if name in bench.faults:
         return "cannot be used: see the message"
+    if name in bench.zeros:
+        return bench.zeros[name]
     run = bench.data.get(name)
     if run is None:
         return f"reading, {size / 2**20:.1f} MB" if bench.project.has_rig else "waiting for rig.toml"
@@ -218,6 +220,10 @@ def _shown_run(page: Any) -> None:
             note(bench.faults[name], "warning", "fault")
             words = "Where only layout, names or units differ: Map columns shows the file's head and writes them to rig.toml."
             ui.label(words).classes("soft")
+            return
+        if name in bench.zeros:
+            ui.label(f"The sensors with both chambers vented and nothing pulling show {bench.zeros[name]}.")
+            ui.label("A diagnosis takes it into account: it tells a shifted sensor from a constant force.").classes("soft")
             return
         run = bench.data.get(name)
         if run is None:

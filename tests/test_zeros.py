@@ -1,0 +1,160 @@
+"""A zero reading as evidence: what it rules out, what it shows, and what a diagnosis then names."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers import rig
+
+from pneuid import api
+from pneuid.criticism.decision.verdict import diagnose
+from pneuid.criticism.decision.zeros import Zeros, shifted
+from pneuid.criticism.next_experiment.proposal import propose
+from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
+from pneuid.estimation.fit import fit
+from pneuid.plant import Plant
+from pneuid.recording import Recording
+from pneuid.virtual_rig import (
+    BENCH_SENSORS,
+    Hidden,
+    TruthBench,
+    TruthServo,
+    record_bench,
+    record_zero,
+    strokes,
+)
+from pneuid.zero_reading import Zero, ZeroReading
+
+KNOWN = CATALOGUE | LAW_STEPS
+SHIFTS = ("sensor_offset_F", "sensor_offset_p1", "sensor_offset_p2")
+HIDDEN = {"gravity": 3.0, "sensor_offset_F": -3.0, "sensor_offset_p1": 4e3, "sensor_offset_p2": -5e3}
+"""Each moves the force by about 3 N at a bore of 32 mm."""
+
+FEW = {name: KNOWN[name] for name in ("load_mass", "friction_pressure", "friction_direction", "load_spring", *HIDDEN)}
+"""Candidates of the diagnoses here: the four constants, and what a bench confuses them with."""
+
+STAND = rig("bench", {"sensors": {"x": "0.3 um", "p1": "0.5 kPa", "p2": "0.5 kPa"}})
+
+TRUTH = TruthBench(friction=TruthServo().friction)
+"""Its friction depends on no pressure, as the base model's."""
+
+MOTIONS = (
+    (strokes((0.002, 0.05, 0.15), longest=0.5, dwell=0.2), 3e5, 2e5),
+    (strokes((0.001, 0.03), longest=0.4, dwell=0.1), 1e5, 5e5),
+    (strokes((0.01, 0.1), longest=0.5, dwell=0.4), 5e5, 1e5),
+    (strokes((0.005, 0.02, 0.08), longest=0.5, dwell=0.3), 2e5, 4e5),
+)  # fmt: skip
+
+
+@cache
+def runs_of(hidden):
+    """Three training runs and a held-out one of a bench."""
+    patm = TRUTH.patm
+    records = [record_bench(TRUTH, p1 + patm, p2 + patm, motion, hidden, seed=i) for i, (motion, p1, p2) in enumerate(MOTIONS)]
+    return [Recording.from_arrays(f"run_{i}.csv", STAND, **record) for i, record in enumerate(records)]
+
+
+@cache
+def fitted(hidden, *names):
+    return fit(Plant(STAND, "lugre", effects_by_name(list(names))), runs_of(hidden)[:3], exact=False)
+
+
+def read(hidden, *signals):
+    shown = record_zero(hidden, TRUTH.patm, BENCH_SENSORS, seed=3)
+    return ZeroReading.from_arrays("zero.csv", STAND, **{name: shown[name] for name in signals or ("p1", "p2", "F")})
+
+
+def test_the_shifts_of_the_catalogue_are_known_by_what_they_declare():
+    assert {name: shifted(effect) for name, effect in CATALOGUE.items() if shifted(effect)} == {
+        "sensor_offset_p1": "p1", "sensor_offset_p2": "p2", "sensor_offset_F": "F",
+    }  # fmt: skip
+
+
+def test_without_a_reading_nothing_is_ruled_out_or_shown():
+    found = fitted(Hidden(sensor_offset_F=-3.0), "sensor_offset_F")
+    effect, without = CATALOGUE["sensor_offset_F"], Zeros()
+    assert without.left(KNOWN) == KNOWN and without.said(KNOWN, found, {}) == []
+    assert not without.confirms(found, effect) and not without.contradicts(found, effect) and not without.deny(found)
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_a_reading_leaves_the_shift_that_is_there_and_no_other(name):
+    zeros = Zeros(read(Hidden(**{name: HIDDEN[name]})))
+    assert set(KNOWN) - set(zeros.left(KNOWN)) == set(SHIFTS) - {name}
+
+
+def test_a_sensor_that_was_not_read_is_neither_ruled_out_nor_shown():
+    hidden = Hidden(sensor_offset_F=-3.0)
+    zeros = Zeros(read(hidden, "p1"))
+    assert set(KNOWN) - set(zeros.left(KNOWN)) == {"sensor_offset_p1"}
+    assert not zeros.confirms(fitted(hidden, "sensor_offset_F"), CATALOGUE["sensor_offset_F"])
+
+
+@pytest.mark.parametrize(("share", "agrees"), [(1.0, True), (0.8, True), (0.5, False), (0.1, False), (-1.0, False)])
+def test_a_fit_agrees_with_a_reading_within_a_quarter_of_the_shift(share, agrees):
+    found, effect = fitted(Hidden(sensor_offset_F=-3.0), "sensor_offset_F"), CATALOGUE["sensor_offset_F"]
+    zeros = Zeros(ZeroReading("zero.csv", {"F": Zero(share * found.values["offset_F"], 0.02)}))
+    assert zeros.confirms(found, effect) is agrees and zeros.contradicts(found, effect) is not agrees
+    assert zeros.deny(found) is not agrees
+    said = " ".join(zeros.said(KNOWN, found, {} if agrees else {"sensor_offset_F": found}))
+    assert ("shows what these runs ask for" in said) is agrees and ("take it off in rig.toml" in said) is not agrees
+
+
+def test_the_proposal_is_a_reading_where_no_recording_helps():
+    """A load, and the zeros of three sensors, are one force on a bench; seconds at rest tell them."""
+    hidden, names = Hidden(gravity=3.0), list(HIDDEN)
+    found = propose([fitted(hidden, name) for name in names], [CATALOGUE[name] for name in names])
+    assert found is not None and found.command is None and found.power > 0.99
+    assert set(found.read) == {"F", "p1", "p2"} and found.rivals == tuple((name,) for name in names)
+    assert "both chambers vented, nothing pulling on the force sensor" in found.why and "none for gravity" in found.why
+
+
+def test_a_shift_below_what_a_reading_resolves_is_not_asked_for():
+    hidden, names = Hidden(gravity=3.0), ["gravity", "sensor_offset_F"]
+    fits = [fitted(hidden, name) for name in names]
+    blind = [replace(one, noise={**one.noise, "F": 10.0}) for one in fits]
+    found = propose(blind, [CATALOGUE[name] for name in names])
+    assert found is not None and found.read == () and found.power == 0.0 and "act alike" in found.why
+
+
+@pytest.mark.slow
+def test_without_a_reading_the_constant_forces_are_one_group():
+    runs = runs_of(Hidden(gravity=3.0))
+    before = diagnose(fit(api.plant_of(STAND), runs[:3]), runs[3:], FEW).diagnosis
+    assert before.verdict == "ambiguous" and set(HIDDEN) <= set(before.effects)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HIDDEN)
+def test_a_reading_turns_the_group_into_the_one_that_is_there(name):
+    hidden = Hidden(**{name: HIDDEN[name]})
+    runs = runs_of(hidden)
+    base = fit(api.plant_of(STAND), runs[:3])
+    after = diagnose(base, runs[3:], FEW, zeros=Zeros(read(hidden))).diagnosis
+    assert (after.verdict, after.effects) == ("effect", (name,))
+    assert any("zero reading:" in sentence for sentence in after.sentences)
+
+
+@pytest.mark.slow
+def test_a_small_zero_error_is_not_taken_for_the_weight_that_is_missing():
+    """The force sensor is off by a tenth of what the runs ask for: it is not what they lack, and the user is told."""
+    hidden = Hidden(gravity=3.0, sensor_offset_F=0.3)
+    runs = runs_of(hidden)
+    base = fit(api.plant_of(STAND), runs[:3])
+    after = diagnose(base, runs[3:], FEW, zeros=Zeros(read(hidden))).diagnosis
+    assert (after.verdict, after.effects) == ("effect", ("gravity",))
+    assert any("sensor_offset_F ruled out" in sentence for sentence in after.sentences)
+
+
+@pytest.mark.slow
+def test_a_reading_does_not_make_a_shift_of_what_is_none():
+    """Friction by direction, with all zeros right: it stays what is named, and no shift stands beside it."""
+    hidden = Hidden(friction_direction=0.2)
+    runs = runs_of(hidden)
+    base = fit(api.plant_of(STAND), runs[:3])
+    after = diagnose(base, runs[3:], FEW, zeros=Zeros(read(hidden))).diagnosis
+    assert "friction_direction" in after.effects and not set(after.effects) & set(SHIFTS)
+    assert np.isfinite(after.ranking[0].screen_gain)
