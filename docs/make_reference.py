@@ -21,7 +21,8 @@ from pneuid.model import Estimate, Model
 FOLDER = Path(__file__).with_name("reference")
 
 SECTIONS: tuple[tuple[str, tuple[Any, ...]], ...] = (
-    ("From recordings to a model", (pneuid.Rig, pneuid.Recording, pneuid.fit, pneuid.load, pneuid.IdentifiedModel)),
+    ("From recordings to a model", (pneuid.Rig, pneuid.Recording, pneuid.ZeroReading, pneuid.fit, pneuid.load,
+                                    pneuid.IdentifiedModel)),
     ("What a model holds", (Model, Estimate)),
     ("What a comparison says", (Comparison, SignalError)),
     ("What a diagnosis says", (Diagnosis, Candidate, Unknown)),

@@ -96,11 +96,13 @@ class ZeroReading:
         return ", ".join(f"{signal} {shown_with(signal, zero.value, zero.std)}" for signal, zero in self.zeros.items())
 
 
-def shown_with(signal: str, value: float, std: float) -> str:
-    """A zero (SI) and its 1-sigma in the unit of the signal's figures."""
+def shown_with(signal: str, value: float, std: float = 0.0) -> str:
+    """A zero (SI), and its 1-sigma where there is one, in the unit of the signal's figures."""
     unit = SIGNALS[signal]
     first, second = (to_display(number, unit.unit, unit.display_unit) for number in (value, std))
-    places = 3 if second == 0.0 else max(0, 1 - int(np.floor(np.log10(second))))
+    if second == 0.0:
+        return f"{first:.3g} {unit.display_unit}"
+    places = max(0, 1 - int(np.floor(np.log10(second))))
     return f"{first:.{places}f} ± {second:.{places}f} {unit.display_unit}"
 
 

@@ -102,7 +102,7 @@ def test_the_virtual_rig_shows_its_shifts_and_nothing_else():
     ("signal", "value", "std", "said"),
     [
         ("F", -0.00774, 0.019, "-0.008 ± 0.019 N"), ("p1", -13243.0, 521.0, "-13.24 ± 0.52 kPa"),
-        ("F", 2653.0, 12.0, "2653 ± 12 N"),
+        ("F", 2653.0, 12.0, "2653 ± 12 N"), ("p2", -10178.0, 0.0, "-10.2 kPa"),
     ],
 )  # fmt: skip
 def test_a_zero_is_said_to_the_places_that_are_known(signal, value, std, said):

@@ -22,10 +22,8 @@ PART = 0.25
 
 READ = "zero reading: {}"
 NONE_OF = "{} ruled out: the sensor shows none"
-OTHER = (
-    "{} ruled out: these runs ask for {}, the sensor shows {}; where that is not next to nothing, take it off in rig.toml "
-    "([columns], offset) and identify again"
-)
+OTHER = "{} ruled out: these runs ask for {}, the sensor shows {}"
+TAKE_OFF = "; that is not next to nothing: take it off in rig.toml ([columns], offset) and identify again"
 AGREES = "the zero reading shows what these runs ask for: {} of {}, whatever else acts like it"
 
 
@@ -76,8 +74,11 @@ class Zeros:
         for name, other in refused.items():
             signal = str(shifted(catalogue[name]))
             zero = self.reading.zeros[signal]
-            words.append(OTHER.format(name, shown_with(signal, *_fitted(other, catalogue[name])),
-                                      shown_with(signal, zero.value, zero.std)))  # fmt: skip
+            value, std = _fitted(other, catalogue[name])
+            much = TAKE_OFF if abs(zero.value) > PART * abs(value) else ""
+            words.append(
+                OTHER.format(name, shown_with(signal, value, std), shown_with(signal, zero.value, zero.std)) + much
+            )
         agreed = [effect for effect in fit.plant.effects if self.confirms(fit, effect)]
         words += [AGREES.format(one.name, shown_with(str(shifted(one)), *_fitted(fit, one))) for one in agreed]
         return words

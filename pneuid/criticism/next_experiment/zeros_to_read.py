@@ -56,7 +56,7 @@ def asked_for(signals: Sequence[str]) -> str:
 
 def would_show(seen: Mapping[str, Expected | None]) -> str:
     """What the reading would show if each of the rivals, by name, were what is missing."""
-    shifts = [f"{item.signal} {shown_with(item.signal, item.value, item.std)}" for item in seen.values() if item is not None]
+    shifts = [f"{item.signal} {shown_with(item.signal, item.value)}" for item in seen.values() if item is not None]
     others = [name for name, item in seen.items() if item is None]
     none = f", and none for {' or '.join(others)}" if others else ""
     return f"it would show {' or '.join(shifts)}{none}"
