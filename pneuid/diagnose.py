@@ -83,8 +83,8 @@ def _diagnose(given: argparse.Namespace, pool: Pool) -> None:
     else:
         every = read_runs([*given.data, *given.hold_out], model.content.rig)
         runs, held = every[: len(given.data)], every[len(given.data) :]
-    folder = kept_folder(given, "diagnose", embedded)
     zero = None if given.zero is None else ZeroReading.read(given.zero, model.content.rig)
+    folder = kept_folder(given, "diagnose", embedded)
     warn(model.content.rig, [*runs, *held])
     store = Store(folder / KNOWN)
     with Progress() as progress:

@@ -200,6 +200,10 @@ REFUSED: dict[str, tuple[str, tuple[str, ...]]] = {
     "out holds results": (f"{FIT} --out full", ("full", "--overwrite")),
     "out is a file": (f"{FIT} --out file", ("file", "folder")),
     "out is below a file": (f"{FIT} --out file/below", ("file",)),
+    "no zero file": (f"pneuid.diagnose model.json --data good.csv --zero nowhere.csv {OUT}", ("nowhere.csv",)),
+    "a run as zero reading": (
+        f"pneuid.diagnose model.json --data good.csv --zero good.csv {OUT}", ("good.csv", "column p1", "vented")
+    ),
     "named twice": (f"{FIT} other/good.csv {OUT}", ("good.csv", "twice")),
     "held out twice": (f"{FIT} --hold-out good.csv {OUT}", ("good.csv", "twice")),
     "bad cell": (f"pneuid.identify --rig rig.toml --data cell.csv {OUT}", ("cell.csv", "101", "x", "n.a.")),
