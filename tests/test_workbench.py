@@ -226,7 +226,7 @@ def test_a_zero_reading_is_read_as_one_and_joins_the_diagnosis(bench):
     name, arguments, more = asked[-1]
     assert name == "read_zero"
     words = reading.read_zero(**arguments)
-    assert words.startswith("p1 0.10") and "p2 8.0" in words
+    assert words.startswith("p1 0.1 kPa") and "p2 8.0" in words
     more["then"](words)
     assert bench.zeros == {"zero.csv": words} and not bench.faults
     bench.diagnose()
