@@ -9,6 +9,7 @@ from trials import FIRST, JUDGE, score, stub, walking
 
 from pneuid.criticism.decision import exchange, walk
 from pneuid.criticism.decision.exchange import Exchange, exchanged
+from pneuid.criticism.decision.zeros import NOTHING_READ
 from pneuid.effects import CATALOGUE
 
 pytestmark = pytest.mark.usefixtures("amplitudes_inside")
@@ -19,7 +20,9 @@ BOTH = stub(15.0, 27_000.0, "leakage_internal")
 ALONE = stub(4900.0, 60_000.0, "leakage_internal")
 
 
-def _asked(monkeypatch, end, current=BOTH, screened=("load_spring", "gravity"), inside=True, judge=JUDGE, mate=None):
+def _asked(
+    monkeypatch, end, current=BOTH, screened=("load_spring", "gravity"), inside=True, judge=JUDGE, mate=None, zeros=NOTHING_READ
+):
     """What does better in the place of the spring where the weight ends at ``end``, in brackets where the runs do not tell the
     two; and what it was asked of. The same as the weight is an offset that ends at ``mate``, where there is one."""
     seen, group = [], () if mate is None else ("sensor_offset_F",)
@@ -33,7 +36,7 @@ def _asked(monkeypatch, end, current=BOTH, screened=("load_spring", "gravity"), 
     monkeypatch.setattr(exchange, "inside_bounds", lambda *_: inside)
     judge = SimpleNamespace(**vars(judge) | {"trial": lambda end, name: stub(*end, name)})
     refitter = SimpleNamespace(order=(), led=lambda *_: mate)
-    found = exchanged("load_spring", ALONE, current, judge, refitter, [], lambda _: None)
+    found = exchanged("load_spring", ALONE, current, judge, refitter, [], lambda _: None, zeros)
     rivals = ", ".join(one.effect.name for one, _ in found.rivals)
     return (found.taking[0].effect.name if found.taking else f"({rivals})" if rivals else None), seen
 
@@ -73,6 +76,37 @@ def test_what_is_the_same_as_a_rival_is_a_rival(end, mate, named, monkeypatch):
 def test_none_is_sought_where_noise_alone_is_left_or_the_effect_cannot_be_put_back(monkeypatch):
     assert _asked(monkeypatch, (1.0, 20_000.0), current=stub(1.1, 27_000.0)) == (None, [])
     assert _asked(monkeypatch, (9.4, 26_500.0), screened=("gravity",)) == (None, [])
+
+
+class _Reading:
+    """A zero reading that shows one effect, and contradicts others."""
+
+    def __init__(self, shows="", contradicts=()):
+        self.shows, self.wrong = shows, contradicts
+
+    def confirms(self, _fit, effect):
+        return effect.name == self.shows
+
+    def possible(self, tried):
+        return [pair for pair in tried if pair[0].effect.name not in self.wrong]
+
+
+def test_what_a_zero_reading_shows_stays_and_none_is_sought(monkeypatch):
+    assert _asked(monkeypatch, (9.4, 26_500.0), zeros=_Reading("load_spring")) == (None, [])
+
+
+def test_what_a_zero_reading_contradicts_takes_no_place_and_is_no_rival(monkeypatch):
+    ALONE.fit.plant = SimpleNamespace(effects=[])
+    for end, error in (((9.4, 26_500.0), (9.4, 26_500.0)), ((15.02, 27_010.0), (15.02, 27_010.0))):
+        assert _asked(monkeypatch, end, mate=error, zeros=_Reading(contradicts=("gravity",)))[0] is None
+    mate, zeros = (15.02, 27_010.0), _Reading(contradicts=("sensor_offset_F",))
+    assert _asked(monkeypatch, (15.02, 27_010.0), mate=mate, zeros=zeros)[0] == "(gravity)"
+
+
+@pytest.mark.parametrize("shows", ["gravity", "sensor_offset_F"])
+def test_of_rivals_the_one_that_a_zero_reading_shows_takes_the_place(shows, monkeypatch):
+    ALONE.fit.plant = SimpleNamespace(effects=[])
+    assert _asked(monkeypatch, (15.02, 27_010.0), mate=(15.02, 27_010.0), zeros=_Reading(shows))[0] == shows
 
 
 def test_one_whose_amplitude_lies_on_a_bound_takes_no_place(monkeypatch):

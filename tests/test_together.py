@@ -145,6 +145,16 @@ def test_once_the_time_is_over_no_two_effects_are_tried_at_once(late, monkeypatc
     assert not at._take_two(ALONE, None) and asked == ([] if late else ["two"])
 
 
+@pytest.mark.parametrize("denied", [False, True])
+def test_a_zero_reading_may_deny_two_effects(denied, monkeypatch):
+    found, _ = _joined(monkeypatch, PAIRS)
+    monkeypatch.setattr(walk, "joined", lambda *_: found)
+    at, accepted = walking(), []
+    at.zeros = SimpleNamespace(deny=lambda _: denied)
+    monkeypatch.setattr(at, "_accept_both", lambda *_: accepted.append("both"))
+    assert at._take_two(ALONE, None) is not denied and accepted == ([] if denied else ["both"])
+
+
 def test_both_effects_are_named_ranked_and_one_rung(monkeypatch):
     found, _ = _joined(monkeypatch, PAIRS)
     at = walking()

@@ -8,8 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 from helpers import rig
+from trials import score, stub, walking
 
 from pneuid import api
+from pneuid.criticism.decision import ascent
 from pneuid.criticism.decision.verdict import diagnose
 from pneuid.criticism.decision.zeros import Zeros, shifted
 from pneuid.criticism.next_experiment.proposal import propose
@@ -165,3 +167,44 @@ def test_a_reading_does_not_make_a_shift_of_what_is_none():
     after = diagnose(base, runs[3:], FEW, zeros=Zeros(read(hidden))).diagnosis
     assert "friction_direction" in after.effects and not set(after.effects) & set(SHIFTS)
     assert np.isfinite(after.ranking[0].screen_gain)
+
+
+# --- in a walk ---
+
+
+class _Says(Zeros):
+    """Shows one effect and contradicts another, whatever a fit asks for."""
+
+    def confirms(self, _fit, effect):
+        return effect.name == "sensor_offset_F"
+
+    def contradicts(self, _fit, effect):
+        return effect.name == "sensor_offset_p1"
+
+
+def _walk(monkeypatch, zeros):
+    """A walk beside which constants are alike, and trials with each of them, the load first."""
+    monkeypatch.setattr(ascent, "better_without", lambda *_: None)
+    going = walking()
+    going.zeros = zeros
+    monkeypatch.setattr(going, "_alike", lambda _, tried: tried)
+    monkeypatch.setattr(going, "rung", lambda trial, _: trial.added)
+    monkeypatch.setattr(going, "_record", lambda *_, **__: None)
+    return going, [(score(name, 900.0), stub(1.0, 20_000.0, name)) for name in HIDDEN]
+
+
+@pytest.mark.parametrize(
+    ("zeros", "named", "rivals"), [(Zeros(), "gravity", SHIFTS), (_Says(), "sensor_offset_F", ())], ids=["nothing", "shown"]
+)
+def test_of_a_group_the_one_that_is_shown_is_accepted_and_has_no_rivals(zeros, named, rivals, monkeypatch):
+    going, tried = _walk(monkeypatch, zeros)
+    assert going._take(tried[0], tried)
+    assert going.named == [named] and going.ambiguous == {named: rivals} and going.current.added == named
+    assert going.rungs[-1] == named and sorted(going.rungs) == sorted(HIDDEN)
+
+
+def test_what_is_contradicted_is_tried_in_vain_and_remembered(monkeypatch):
+    going, tried = _walk(monkeypatch, _Says())
+    left = going._possible(tried)
+    assert [one.effect.name for one, _ in left] == [name for name in HIDDEN if name != "sensor_offset_p1"]
+    assert going.refused == {"sensor_offset_p1": {one.effect.name: trial.fit for one, trial in tried}["sensor_offset_p1"]}

@@ -35,7 +35,7 @@ def exchanged(
     name: str, smaller: Trial, current: Trial, judge: Judge, refitter: Refitter, candidates: Sequence[Effect], say: Say,
     zeros: Zeros = NOTHING_READ,
 ) -> Exchange:  # fmt: skip
-    """Whether one of a model's effects gives its place to another that does better there.
+    """Whether one of a model's effects gives its place to another that does better there, or that a zero reading shows.
 
     name : the effect; smaller : trial of the model without it; what ``zeros`` confirm stays. To take its place both kinds of
     runs must tell the other from it, the training runs by their cost and by what is predicted of them: of a seal's friction by
@@ -61,10 +61,17 @@ def exchanged(
     elif alike(best, [standing], smaller, judge):
         rivals = (best, *_rivals(standing, others, smaller, judge))
     else:
-        return Exchange(best, _rivals(best, [*others, *_mates(best, *how)], smaller, judge))
+        return _shown_first(Exchange(best, _rivals(best, [*others, *_mates(best, *how)], smaller, judge)), zeros)
     # what is the same as a rival may be as good
     mates = [pair for one in rivals[:1] for pair in _mates(one, *how) if _foretold(pair[1], current, judge)]
-    return Exchange(rivals=(*rivals, *_rivals(standing, mates, smaller, judge)))
+    return _shown_first(Exchange(rivals=(*rivals, *_rivals(standing, mates, smaller, judge))), zeros)
+
+
+def _shown_first(found: Exchange, zeros: Zeros) -> Exchange:
+    """What a zero reading shows takes the place, and has no rivals."""
+    every = (*(() if found.taking is None else (found.taking,)), *found.rivals)
+    shown = next((pair for pair in every if zeros.confirms(pair[1].fit, pair[0].effect)), None)
+    return found if shown is None else Exchange(shown)
 
 
 def _foretold(trial: Trial, current: Trial, judge: Judge) -> bool:
