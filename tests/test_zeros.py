@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,12 +12,13 @@ from helpers import rig
 from trials import score, stub, walking
 
 from pneuid import api
-from pneuid.criticism.decision import ascent
+from pneuid.criticism.decision import ascent, walk
 from pneuid.criticism.decision.verdict import diagnose
 from pneuid.criticism.decision.zeros import Zeros, shifted
 from pneuid.criticism.next_experiment.proposal import propose
 from pneuid.effects import CATALOGUE, LAW_STEPS, effects_by_name
 from pneuid.estimation.fit import fit
+from pneuid.model import model_of
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.virtual_rig import (
@@ -205,6 +207,39 @@ def test_of_a_group_the_one_that_is_shown_is_accepted_and_has_no_rivals(zeros, n
 
 def test_what_is_contradicted_is_tried_in_vain_and_remembered(monkeypatch):
     going, tried = _walk(monkeypatch, _Says())
-    left = going._possible(tried)
+    monkeypatch.setattr(ascent, "same_floor", lambda *same: same)
+    left = going._by_one_floor(tried)
     assert [one.effect.name for one, _ in left] == [name for name in HIDDEN if name != "sensor_offset_p1"]
     assert going.refused == {"sensor_offset_p1": {one.effect.name: trial.fit for one, trial in tried}["sensor_offset_p1"]}
+
+
+def test_a_walk_on_all_runs_knows_the_reading_and_what_it_refused(monkeypatch):
+    going, _ = _walk(monkeypatch, _Says())
+    going.refused = {"sensor_offset_p1": object()}
+    made = {}
+
+    def on_all(*_, **given):
+        made.update(given)
+        return SimpleNamespace(rounds=list, moved=[], named=[], suspected=lambda _: None)
+
+    monkeypatch.setattr(walk, "WalkOnAll", on_all)
+    monkeypatch.setattr(going, "_on_all", lambda fit: fit)
+    going.judge = SimpleNamespace(trial=lambda fit: fit)
+    going._by_all_runs("said")
+    assert made["zeros"] is going.zeros and made["refused"] is going.refused
+
+
+def test_a_notebook_hands_the_reading_to_the_diagnosis(monkeypatch):
+    class Stopped(Exception):
+        pass
+
+    def stop(*given):
+        raise Stopped(given[-1])
+
+    found, zero = fitted(Hidden(gravity=3.0), "gravity"), read(Hidden(gravity=3.0))
+    model = api.IdentifiedModel(model_of(found, "stand", (), None), found)
+    monkeypatch.setattr(api.verdict, "diagnose", stop)
+    monkeypatch.setattr(api, "completed", lambda fit, _: fit)
+    with pytest.raises(Stopped) as stopped:
+        model.diagnose(runs_of(Hidden(gravity=3.0))[:3], runs_of(Hidden(gravity=3.0))[3:], zero=zero)
+    assert stopped.value.args == (Zeros(zero),)
