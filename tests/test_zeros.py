@@ -103,7 +103,8 @@ def test_a_fit_agrees_with_a_reading_within_a_quarter_of_the_shift(share, agrees
     zeros = Zeros(ZeroReading("zero.csv", {"F": Zero(share * found.values["offset_F"], 0.02)}))
     assert zeros.confirms(found, effect) is agrees and zeros.contradicts(found, effect) is not agrees
     assert zeros.deny(found) is not agrees
-    said = " ".join(zeros.said(KNOWN, found, {} if agrees else {"sensor_offset_F": found}))
+    told = (found, {}) if agrees else (fitted(Hidden(sensor_offset_F=-3.0)), {"sensor_offset_F": found})
+    said = " ".join(zeros.said(KNOWN, *told))
     assert ("shows what these runs ask for" in said) is agrees and ("take it off in rig.toml" in said) is not agrees
 
 
@@ -145,8 +146,16 @@ def test_a_reading_turns_the_group_into_the_one_that_is_there(name):
 def test_a_zero_that_is_next_to_nothing_beside_what_is_asked_for_need_not_be_taken_off():
     found, name = fitted(Hidden(sensor_offset_F=-3.0), "sensor_offset_F"), "sensor_offset_F"
     zeros = Zeros(ZeroReading("zero.csv", {"F": Zero(0.1 * found.values["offset_F"], 0.02)}))
-    said = " ".join(zeros.said(KNOWN, found, {name: found}))
+    said = " ".join(zeros.said(KNOWN, fitted(Hidden(sensor_offset_F=-3.0)), {name: found}))
     assert "sensor_offset_F ruled out: these runs ask for -2.98 N" in said and "take it off" not in said
+
+
+def test_a_shift_that_the_model_has_already_is_told_to_be_wrong():
+    """Of a group the user took one that was not it; the reading came later."""
+    found, name = fitted(Hidden(gravity=3.0), "sensor_offset_p1"), "sensor_offset_p1"
+    said = " ".join(Zeros(read(Hidden(gravity=3.0))).said(KNOWN, found, {name: found}))
+    assert f"{name} is" in said and "--drop" in said and f"{name} ruled out" not in said
+    assert "sensor_offset_p2, sensor_offset_F ruled out: the sensor shows none" in said
 
 
 @pytest.mark.slow

@@ -24,6 +24,10 @@ READ = "zero reading: {}"
 NONE_OF = "{} ruled out: the sensor shows none"
 OTHER = "{} ruled out: these runs ask for {}, the sensor shows {}"
 TAKE_OFF = "; that is not next to nothing: take it off in rig.toml ([columns], offset) and identify again"
+HELD = (
+    "{} is {} in the model, the sensor shows {}: there it stands in for something else; identify without it (--drop) and "
+    "diagnose again"
+)
 AGREES = "the zero reading shows what these runs ask for: {} of {}, whatever else acts like it"
 
 
@@ -69,18 +73,18 @@ class Zeros:
         """
         if self.reading is None:
             return []
-        absent = self._absent(catalogue.values())
+        standing = {effect.name: effect for effect in fit.plant.effects}
+        absent = [name for name in self._absent(catalogue.values()) if name not in standing]
         words = [READ.format(self.reading), *([NONE_OF.format(", ".join(absent))] if absent else [])]
         for name, other in refused.items():
-            signal = str(shifted(catalogue[name]))
-            zero = self.reading.zeros[signal]
-            value, std = _fitted(other, catalogue[name])
-            much = TAKE_OFF if abs(zero.value) > PART * abs(value) else ""
-            words.append(
-                OTHER.format(name, shown_with(signal, value, std), shown_with(signal, zero.value, zero.std)) + much
-            )
-        agreed = [effect for effect in fit.plant.effects if self.confirms(fit, effect)]
-        words += [AGREES.format(one.name, shown_with(str(shifted(one)), *_fitted(fit, one))) for one in agreed]
+            if name not in standing:
+                asked, zero, much = _compared(self.reading, other, catalogue[name])
+                words.append(OTHER.format(name, asked, zero) + (TAKE_OFF if much else ""))
+        for effect in standing.values():
+            if self.contradicts(fit, effect):
+                words.append(HELD.format(effect.name, *_compared(self.reading, fit, effect)[:2]))
+            elif self.confirms(fit, effect):
+                words.append(AGREES.format(effect.name, _compared(self.reading, fit, effect)[0]))
         return words
 
     def _absent(self, effects: Iterable[Effect]) -> Sequence[str]:
@@ -100,6 +104,13 @@ class Zeros:
 
 NOTHING_READ = Zeros()
 """What is known where no zero reading was taken."""
+
+
+def _compared(reading: ZeroReading, fit: Fit, effect: Effect) -> tuple[str, str, bool]:
+    """The shift in a fit and what the sensor shows, in words, and whether that is much beside it."""
+    signal = str(shifted(effect))
+    (value, std), zero = _fitted(fit, effect), reading.zeros[signal]
+    return shown_with(signal, value, std), shown_with(signal, zero.value, zero.std), abs(zero.value) > PART * abs(value)
 
 
 def _fitted(fit: Fit, effect: Effect) -> tuple[float, float]:
