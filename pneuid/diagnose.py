@@ -124,13 +124,7 @@ def _next(
         return f"record what the sentences above ask for before {path} is used beyond its training runs"
     unknown = diagnosis.unknown.effect if diagnosis.verdict == "unknown" and diagnosis.unknown else None
     if diagnosis.verdict == "ambiguous":
-        steps = []
-        if diagnosis.next_experiment and diagnosis.next_experiment.get("zero_reading"):
-            steps.append("record a zero reading and diagnose again with --zero FILE")
-        if diagnosis.command is not None:
-            again = "diagnose again with one recording among --data and the other among --hold-out"
-            steps.append(f"play {folder / 'next.csv'} on the rig twice, and {again}")
-        return "; where that does not decide, ".join(steps) or "look at the report, then measure what it asks for"
+        return _to_decide(diagnosis, path, files, folder, own)
     if not diagnosis.effects and unknown is None:
         return "look in the report at the first of the ranking and at where it fails; record more runs of that kind"
     out = next_folder(path.parent, f"{path.parent.name}_better")
@@ -139,6 +133,23 @@ def _next(
         "pneuid.identify", from_=[path], add=[*diagnosis.effects, *(unknown or "").split()], data=data, hold_out=hold_out,
         diagnosis=[folder / "diagnosis.json"], effect_file=own, out=[out],
     )  # fmt: skip
+
+
+def _to_decide(
+    diagnosis: Diagnosis, path: Path, files: tuple[Sequence[str], Sequence[str]], folder: Path, own: Sequence[str]
+) -> str:
+    """What comes next where the data in hand do not tell the candidates apart: the cheaper step first."""
+    steps = []
+    if diagnosis.next_experiment and diagnosis.next_experiment.get("zero_reading"):
+        out = next_folder(folder, f"{folder.name}_zero")
+        again = command_line(
+            "pneuid.diagnose", path, data=files[0], hold_out=files[1], zero=["zero.csv"], effect_file=own, out=[out]
+        )
+        steps.append(f"record a zero reading, zero.csv, and: {again}")
+    if diagnosis.command is not None:
+        again = "diagnose again with one recording among --data and the other among --hold-out"
+        steps.append(f"play {folder / 'next.csv'} on the rig twice, and {again}")
+    return "; where that does not decide, ".join(steps) or "look at the report, then measure what it asks for"
 
 
 if __name__ == "__main__":
