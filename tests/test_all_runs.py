@@ -316,7 +316,7 @@ def test_the_next_command_fits_to_the_runs_that_showed_the_effect(by_all, said):
         (Diagnosis("unknown", (), ()), "first of the ranking"),
         (Diagnosis("ambiguous", ("load_mass", "gravity"), ()), "measure what it asks for"),
         (Diagnosis("ambiguous", ("sensor_offset_F", "gravity"), (), next_experiment={"zero_reading": ["F"]}),
-         "record a zero reading, zero.csv, and: python -m pneuid.diagnose monday/model.json --data a.csv --hold-out b.csv --zero"),
+         "record a zero reading, zero.csv, and: python -m pneuid.diagnose monday/model.json --data a.csv --hold-out b.csv"),
     ],
 )
 def test_what_comes_next_follows_from_the_verdict(found, said):
