@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from trials import FIRST, JUDGE, score, stub, walking
 
-from pneuid.criticism.decision import ascent, leftover, verdict, walk
+from pneuid.criticism.decision import ascent, leftover, revision, verdict, walk
 from pneuid.criticism.decision.diagnosis import Candidate, Diagnosis, Unknown
 from pneuid.criticism.decision.exchange import Exchange
 from pneuid.criticism.decision.rivals import better_without
@@ -326,7 +326,7 @@ def test_what_is_named_stands_in_order_of_weight_and_what_is_not_missed_is_dropp
     judge = SimpleNamespace(**vars(JUDGE), trial=lambda fit: fit)
     both = stub(1.6, 26_000.0, "valve_null_leakage")
     both.fit.plant = SimpleNamespace(effects=[CATALOGUE[name] for name in ends])
-    monkeypatch.setattr(walk, "exchanged", lambda *_: Exchange())
+    monkeypatch.setattr(revision, "exchanged", lambda *_: Exchange())
     going = walking(judge, SimpleNamespace(late=lambda: False, without=lambda _fit, name: ends[name]), both)
     going.first, going.named = stub(9.3, 28_000.0), list(ends)
     for end in ends.values():
@@ -341,7 +341,7 @@ def test_a_richer_friction_law_keeps_the_place_in_which_it_was_found(place, monk
     ends = {"valve_dead_zone": stub(4.5, 26_300.0), "valve_null_leakage": stub(3.2, 27_400.0)}
     both = stub(1.6, 26_000.0, "law:lugre")
     both.fit.plant = SimpleNamespace(effects=[CATALOGUE[name] for name in ends])
-    monkeypatch.setattr(walk, "exchanged", lambda *_: Exchange())
+    monkeypatch.setattr(revision, "exchanged", lambda *_: Exchange())
     judge = SimpleNamespace(**vars(JUDGE), trial=lambda fit: fit)
     going = walking(judge, SimpleNamespace(late=lambda: False, without=lambda _fit, name: ends[name]), both)
     for end in ends.values():
@@ -362,7 +362,7 @@ def test_weights_are_told_by_defects_that_all_smaller_models_have(relaxation, na
     both.fit.plant = SimpleNamespace(effects=[CATALOGUE[name] for name in ends])
     for end in ends.values():
         end.fit.plant = both.fit.plant
-    monkeypatch.setattr(walk, "exchanged", lambda *_: Exchange())
+    monkeypatch.setattr(revision, "exchanged", lambda *_: Exchange())
     judge = SimpleNamespace(**vars(JUDGE), trial=lambda fit: fit)
     going = walking(judge, SimpleNamespace(late=lambda: False, without=lambda _fit, name: ends[name]), both)
     going.first, going.named = stub(2340.0, 33_000.0), ["dead_volume", "line_delay"]

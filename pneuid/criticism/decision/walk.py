@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pneuid.criticism.decision.acceptance import (
-    LEAST_DROP,
     LEAST_SHARE,
     Tried,
     accepted,
@@ -19,13 +18,13 @@ from pneuid.criticism.decision.acceptance import (
     stands_out,
 )
 from pneuid.criticism.decision.all_runs import beyond_doubt, far_beyond_chance, least_shown, shown_by_training
-from pneuid.criticism.decision.ascent import Ascent, Chosen
+from pneuid.criticism.decision.ascent import Chosen
 from pneuid.criticism.decision.beyond import explains_alone
 from pneuid.criticism.decision.break_away import AT_BREAK_AWAY, BESIDE_OTHERS, leading_friction, shown_at_break_away
 from pneuid.criticism.decision.diagnosis import Candidate
 from pneuid.criticism.decision.evidence import as_refitted
-from pneuid.criticism.decision.exchange import exchanged
 from pneuid.criticism.decision.leftover import DEFECT_RATIO, astray, explained_away, loudest
+from pneuid.criticism.decision.revision import Revision
 from pneuid.criticism.decision.rivals import alike, alike_in_training, led, lookalikes, outvoted, stayed_behind
 from pneuid.criticism.decision.rounds import (
     all_explained,
@@ -74,27 +73,22 @@ HARDLY_LESS = 0.75
 """Share of the excess from which second looks at an effect are not taken again: of 105 floors of a machine that shakes a soft
 mounting and a look-alike left 92, and second looks at what had been refitted without them were half of 24 minutes."""
 
-MISSED, STAYS = 0.02, 0.25
-"""Shares of the base model's excess, and of the error that is left, below which an effect's absence is not felt."""
-
 
 @dataclass
-class Walk(Ascent):
+class Walk(Revision):
     """Where a diagnosis on held-out runs stands.
 
     by_all_runs : whether all runs decided, to which then the trials are fitted; partly : whether what they show predicts runs
     that it was not fitted to hardly better, or worse; lacking : the model fitted to all runs, where nothing was named although
     an effect lowers their cost by more than chance; slow : whether the recordings are too slow to show break-away;
-    looked_at : named effects, each with those beside it, for which others were tried in their place; function : what a function
-    of a signal explains of the base model's rest, where it was looked for; beyond : whether that ended the walk;
-    second_looked : the held-out error when an effect was last refitted in a round with second looks.
+    function : what a function of a signal explains of the base model's rest, where it was looked for; beyond : whether that
+    ended the walk; second_looked : the held-out error when an effect was last refitted in a round with second looks.
     """
 
     by_all_runs: bool = False
     partly: bool = False
     lacking: Trial | None = None
     slow: bool = False
-    looked_at: set[tuple[str, frozenset[str]]] = field(default_factory=set)
     function: Found | None = None
     beyond: bool = False
     second_looked: dict[str, float] = field(default_factory=dict)
@@ -125,7 +119,7 @@ class Walk(Ascent):
                 said = BESIDE_OTHERS if named else AT_BREAK_AWAY
                 self.moved.append(said.format(self.named[-1], np.sqrt(before.whole), np.sqrt(self.current.whole)))
             return True
-        return not self.named and self._by_all_runs(UNEXPLAINED)
+        return self._instead(tried) if self.named else self._by_all_runs(UNEXPLAINED)
 
     def _at_break_away(self, tried: Tried) -> tuple[Tried, Chosen | None]:
         """Those tried, and what of them shows at break-away alone, in the few windows that the usual error leaves out.
@@ -235,67 +229,6 @@ class Walk(Ascent):
         trials = [self.judge.trial(end, added) for end in ends]
         how = self.judge, self.refitter, self.say
         return [one.fit if self.judge.learned(one) else to_the_end(one, *how).fit for one in trials]
-
-    def backward(self) -> bool:
-        """Try to drop each accepted effect but the last; keep the smaller model where the held-out error hardly rises.
-
-        Where it rises, what is easily confused with the effect may take its place. Whether the model changed: it may end
-        elsewhere, where what it lacks shows. What remains is put in order of weight: first the effect without which the
-        training runs cost most; the order of finding is that of predicted break-away. A richer friction law keeps its place.
-        """
-        smaller_models: dict[str, Trial] = {}
-        before = list(self.named)
-        for name in before:
-            if len(self.named) < 2 or name not in {effect.name for effect in self.current.fit.plant.effects}:
-                continue  # a richer friction law took the simple one's place; without it the model is another
-            smaller = self.judge.trial(self.refitter.without(self.current.fit, name))
-            if self.current.fit.exact is not None:
-                smaller = followed(smaller, self.current, self.judge, self.refitter, self.say)
-            if name != self.named[-1] and self._not_missed(smaller):
-                self.say(f"{name} dropped again: without it the held-out error stays")
-                self.named = [other for other in self.named if other != name]
-                self.current = smaller
-                continue
-            smaller_models[self._exchange(name, smaller)] = smaller
-        # by defects that all of them have, as tight ones see more
-        missed = dict(zip(smaller_models, costs(*smaller_models.values()), strict=True))
-        order = iter(sorted(missed, key=lambda name: -missed[name]))
-        self.named = [next(order) if name in missed else name for name in self.named]
-        return set(self.named) != set(before)
-
-    def _exchange(self, name: str, smaller: Trial) -> str:
-        """The effect that stands in a named one's place: itself, or another that was confused with it."""
-        place = frozenset(self.named) - {name}
-        if (name, place) in self.looked_at or self.refitter.late():
-            return name
-        how = self.current, self.judge, self.refitter, list(self.catalogue.values()), self.say, self.zeros
-        found = exchanged(name, smaller, *how)
-        stands = found.taking[0].effect.name if found.taking else name
-        self.looked_at |= {(name, place), (stands, place)}
-        rivals = tuple(score.effect.name for score, _ in found.rivals)
-        for score, trial in found.rivals:
-            self._record(score, trial, keep=False)
-        if found.taking is None:
-            if rivals:
-                self.say(f"as good in the place of {name}: {', '.join(rivals)}")
-                self.ambiguous[name] = tuple(dict.fromkeys((*self.ambiguous.get(name, ()), *rivals)))
-            return name
-        score, trial = found.taking
-        self.say(f"{stands} takes the place of {name}: held-out and training runs both say so")
-        self.named = [stands if one == name else one for one in self.named]
-        self.ambiguous.pop(name, None)
-        self.ambiguous[stands] = rivals
-        self._record(score, trial, keep=False)
-        self.rungs.append(self.rung(trial, True))
-        self.current = trial
-        return stands
-
-    def _not_missed(self, smaller: Trial) -> bool:
-        """Whether a model without one of the effects predicts held-out runs, and fits the training runs, about as well."""
-        before, without, now = costs(self.first, smaller, self.current)
-        little = min(MISSED * (self.first.error - 1.0), STAYS * self.current.error)
-        same_fit = without - now < max(LEAST_DROP, LEAST_SHARE * (before - now))
-        return same_fit and smaller.error - self.current.error < max(3 * self.judge.spread, little)
 
     def _first_looks(self, scores: Sequence[Score], least: float) -> Tried:
         """Trials with what promises most, by the floor of the best model so far."""
