@@ -80,6 +80,7 @@ def test_the_function_is_looked_for_once_before_second_looks(gain, needed, named
         ("_cannot_judge", lambda _: False), ("_first_looks", lambda *_: tried), ("_take_two", lambda *_: False),
         ("_best", lambda *_: None), ("_round", round_), ("_at_break_away", lambda *_: (tried, None)),
         ("_by_all_runs", lambda *_: False), ("rung", lambda _self, trial, accepted: (trial.added, accepted)),
+        ("_instead", lambda *_: bool(seen.append("instead"))),
     ):  # fmt: skip
         monkeypatch.setattr(Walk, name, stand_in)
     judge = SimpleNamespace(**vars(JUDGE), held=(), floor=SimpleNamespace(value={"F": 1.0}))
@@ -88,6 +89,7 @@ def test_the_function_is_looked_for_once_before_second_looks(gain, needed, named
     assert not one.step()
     assert (seen.count("search"), seen.count("round")) == (searches, rounds)
     assert one.beyond is (searches == 1 and rounds == 0)
+    assert ("instead" in seen) is bool(named), "where nothing helps beside what is named, others are tried in its place"
     assert one.rungs == [("line_delay", False)], "what was refitted stays on the ladder"
     one.step()
     assert seen.count("search") == searches
