@@ -22,7 +22,9 @@ def used_columns(table: RawTable, rig: Rig, signals: Sequence[str], where: str) 
             other = next(name for name, taken in used.items() if taken == column)
             raise UserError(f"{where}: column {shown(column)} is mapped to {other} and to {signal} (rig: [columns])")
         used[signal] = column
-    mapped = set(used.values())
+    elsewhere = {entry.column for signal, entry in rig.columns.items() if signal not in signals}
+    heads = {name: {name, f"{name} [{table.units.get(name)}]"} for name in table.frame.columns}
+    mapped = {*used.values(), *(name for name, written in heads.items() if written & elsewhere)}
     for signal in signals:
         if signal in used:
             continue

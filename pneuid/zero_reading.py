@@ -67,10 +67,7 @@ class ZeroReading:
             factor, offset = conversion(signal, column, table, rig, where)
             values = factor * table.numbers(column, rig.files.gaps, where) + offset
             signals[signal] = values[~np.isnan(values)]
-        if not signals:
-            wanted, there = " or ".join(_readable(rig)), listed(list(table.frame.columns))
-            raise UserError(f"{where}: a zero reading needs a column {wanted}; columns there: {there}")
-        return cls._checked(where, rig, signals)
+        return cls._checked(where, rig, signals, f"; columns there: {listed(list(table.frame.columns))}")
 
     @classmethod
     def from_arrays(cls, name: str, rig: Rig, **signals: ArrayLike) -> ZeroReading:
@@ -82,7 +79,9 @@ class ZeroReading:
         return cls._checked(name, rig, {signal: np.asarray(values, dtype=float) for signal, values in signals.items()})
 
     @classmethod
-    def _checked(cls, where: str, rig: Rig, signals: Mapping[str, np.ndarray]) -> ZeroReading:
+    def _checked(cls, where: str, rig: Rig, signals: Mapping[str, np.ndarray], there: str = "") -> ZeroReading:
+        if not signals:
+            raise UserError(f"{where}: a zero reading needs a column {' or '.join(_readable(rig))}{there}")
         absolute = [signal for signal in signals if signal in PRESSURES and rig.pressure_convention != "gauge"]
         if absolute and "pressure" not in rig.raw.get("ambient", {}):
             raise UserError(
@@ -115,6 +114,8 @@ def _zero(where: str, rig: Rig, signal: str, values: np.ndarray) -> Zero:
     """The mean beyond what the sensor must show, for a reading that stands still."""
     if values.size < FEWEST:
         raise UserError(f"{where}: column {signal}: {values.size} samples; a zero reading needs at least {FEWEST}")
+    if not np.all(np.isfinite(values)):
+        raise UserError(f"{where}: column {signal}: not every sample is a finite number")
     noise = noise_from_roughness(values)
     means = np.array([part.mean() for part in np.array_split(values, BLOCKS)])
     drift = float(np.ptp(means))

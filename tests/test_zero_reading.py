@@ -83,6 +83,26 @@ def test_arrays_of_other_signals_are_refused():
         ZeroReading.from_arrays("zero", rig("bench"), x=np.zeros(200))
 
 
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_what_is_not_finite_is_refused(wrong):
+    values = np.zeros(200)
+    values[7] = wrong
+    with pytest.raises(UserError, match="column F: not every sample is a finite number"):
+        ZeroReading.from_arrays("zero", rig("bench"), F=values)
+
+
+def test_a_reading_of_nothing_is_refused():
+    with pytest.raises(UserError, match="zero: a zero reading needs a column p1 or p2 or F"):
+        ZeroReading.from_arrays("zero", rig("bench"))
+
+
+def test_a_column_that_the_rig_gives_to_another_signal_is_not_read(tmp_path):
+    """In its recordings the column p1 is the position, as the rig says; so it is here."""
+    own = rig("bench", columns={"x": {"column": "p1", "unit": "mm"}})
+    path = _written(tmp_path / "zero.csv", "p1 [kPa],F [N]", [_noisy(0.0, 0.1), _noisy(0.0, 0.1)])
+    assert list(ZeroReading.read(path, own).zeros) == ["F"]
+
+
 def test_a_slow_drift_within_the_reading_widens_what_is_known():
     drift = 3.0 * 0.2 * np.linspace(-0.5, 0.5, 1000)
     still = ZeroReading.from_arrays("zero", rig("bench"), F=_noisy(0.0, 0.2)).zeros["F"]
