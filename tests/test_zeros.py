@@ -140,7 +140,7 @@ def test_a_reading_turns_the_group_into_the_one_that_is_there(name):
     base = fit(api.plant_of(STAND), runs[:3])
     after = diagnose(base, runs[3:], FEW, zeros=Zeros(read(hidden))).diagnosis
     assert (after.verdict, after.effects) == ("effect", (name,))
-    assert any("zero reading:" in sentence for sentence in after.sentences)
+    assert any("zero reading zero.csv: p1 " in sentence for sentence in after.sentences)
 
 
 def test_a_zero_that_is_next_to_nothing_beside_what_is_asked_for_need_not_be_taken_off():

@@ -20,7 +20,7 @@ SURE = 3.0
 PART = 0.25
 """Share of what a fit asks for by which the reading may differ: a constant takes up some of whatever else the model lacks."""
 
-READ = "zero reading: {}"
+READ = "zero reading {}: {}"
 NONE_OF = "{} ruled out: the sensor shows none"
 OTHER = "{} ruled out: these runs ask for {}, the sensor shows {}"
 TAKE_OFF = "; that is not next to nothing: take it off in rig.toml ([columns], offset) and identify again"
@@ -75,7 +75,7 @@ class Zeros:
             return []
         standing = {effect.name: effect for effect in fit.plant.effects}
         absent = [name for name in self._absent(catalogue.values()) if name not in standing]
-        words = [READ.format(self.reading), *([NONE_OF.format(", ".join(absent))] if absent else [])]
+        words = [READ.format(self.reading.name, self.reading), *([NONE_OF.format(", ".join(absent))] if absent else [])]
         for name, other in refused.items():
             if name not in standing:
                 asked, zero, much = _compared(self.reading, other, catalogue[name])
@@ -98,7 +98,7 @@ class Zeros:
         zero = None if self.reading is None else self.reading.zeros.get(shifted(effect) or "")
         if zero is None or effect.name not in {other.name for other in fit.plant.effects}:
             return None
-        value, std = _fitted(fit, effect)
+        value, std = shift_of(fit, effect)
         return bool(abs(zero.value - value) < max(SURE * np.hypot(zero.std, std), PART * abs(value)))
 
 
@@ -109,11 +109,11 @@ NOTHING_READ = Zeros()
 def _compared(reading: ZeroReading, fit: Fit, effect: Effect) -> tuple[str, str, bool]:
     """The shift in a fit and what the sensor shows, in words, and whether that is much beside it."""
     signal = str(shifted(effect))
-    (value, std), zero = _fitted(fit, effect), reading.zeros[signal]
+    (value, std), zero = shift_of(fit, effect), reading.zeros[signal]
     return shown_with(signal, value, std), shown_with(signal, zero.value, zero.std), abs(zero.value) > PART * abs(value)
 
 
-def _fitted(fit: Fit, effect: Effect) -> tuple[float, float]:
+def shift_of(fit: Fit, effect: Effect) -> tuple[float, float]:
     """The shift in a fit and its standard error, SI; none of a relaxed fit, which knows no error."""
     (name,) = (item.name for item in effect.parameters(fit.plant.rig, fit.plant.law))
     errors = {} if fit.spread is None else dict(zip(fit.problem.free, fit.spread.std, strict=True))

@@ -111,16 +111,17 @@ def propose(fits: Sequence[Fit], effects: Sequence[Effect]) -> Experiment | None
     apart_by = np.array([_separations(rivals, scene, pairs) for _, scene in scenes]).reshape(len(scenes), len(pairs))
     best, seen = apart_by.max(axis=0, initial=0.0), expected(fits, effects)
     at_zero = np.array([told(seen[i], seen[j]) for i, j in pairs])
-    helped = {i for pair, read in zip(pairs, at_zero, strict=True) if read > NEEDED for i in pair}
+    by_reading = at_zero > NEEDED
+    helped = {i for pair, read in zip(pairs, by_reading, strict=True) if read for i in pair}
     zeros = {effect.name: seen[i] for i, effect in enumerate(effects) if i in helped}
-    left = np.where(at_zero < NEEDED, best, np.inf) if zeros else best
+    left = np.where(by_reading, np.inf, best)
     groups = _groups(len(rivals), [pair for pair, value in zip(pairs, left, strict=True) if value < ALIKE])
     names = tuple(tuple(effects[i].name for i in group) for group in groups)
     advice = {effect.name: effect.experiment for effect in effects}
     group_of = {i: k for k, group in enumerate(groups) for i in group}
     # a reading costs seconds; what it tells need not be told again
-    apart = [k for k, (i, j) in enumerate(pairs) if group_of[i] != group_of[j] and np.isfinite(left[k])]
-    sure = _power(float(at_zero[~np.isfinite(left)].min(initial=np.inf))) if zeros else 1.0
+    apart = [k for k, (i, j) in enumerate(pairs) if group_of[i] != group_of[j] and not by_reading[k]]
+    sure = _power(float(at_zero[by_reading].min())) if zeros else 1.0
     if not scenes or not apart:
         return Experiment(None, None, sure if zeros else 0.0, 0.0, names, advice, zeros)
     found = []
@@ -132,8 +133,6 @@ def propose(fits: Sequence[Fit], effects: Sequence[Effect]) -> Experiment | None
 
 def _power(separation: float) -> float:
     """Chance that a likelihood ratio of this noncentrality passes what is needed."""
-    if not np.isfinite(separation):
-        return 1.0
     return float(norm.cdf((separation - NEEDED) / (2.0 * np.sqrt(max(separation, 1e-9)))))
 
 

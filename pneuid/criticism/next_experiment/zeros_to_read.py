@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from pneuid.criticism.decision.zeros import shifted
+from pneuid.criticism.decision.zeros import shift_of, shifted
 from pneuid.effect import Effect
 from pneuid.estimation.fit import Fit
 from pneuid.estimation.noise import noise_from_roughness
@@ -37,9 +37,8 @@ def expected(fits: Sequence[Fit], effects: Sequence[Effect]) -> list[Expected | 
         if signal is None:
             found.append(None)
             continue
-        (name,) = (item.name for item in effect.parameters(fit.plant.rig, fit.plant.law))
         noise = fit.noise.get(signal) or noise_from_roughness(fit.runs[0].recording.signals[signal])
-        found.append(Expected(signal, fit.values[name], mean_error(noise)))
+        found.append(Expected(signal, shift_of(fit, effect)[0], mean_error(noise)))
     return found
 
 
