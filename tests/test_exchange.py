@@ -10,7 +10,7 @@ from trials import FIRST, JUDGE, score, stub, walking
 from pneuid.criticism.decision import exchange, revision
 from pneuid.criticism.decision.exchange import Exchange, exchanged
 from pneuid.criticism.decision.zeros import NOTHING_READ
-from pneuid.effects import CATALOGUE
+from pneuid.effects import CATALOGUE, LAW_STEPS
 
 pytestmark = pytest.mark.usefixtures("amplitudes_inside")
 
@@ -211,76 +211,75 @@ def test_what_does_better_and_is_not_told_from_the_one_that_stands_is_its_rival(
 OFFSET = stub(15.0, 27_000.0, "load_spring")
 """One effect, named alone, that stands in for another."""
 
-
-def _beside(monkeypatch, ends, taking, named=OFFSET, zeros=NOTHING_READ):
-    """What takes the spring's place beside the second of ``ends`` (error, cost, name), and what it was asked beside."""
-    seen = []
-
-    def other(name, smaller, both, *_):
-        seen.append((name, both.added))
-        return Exchange(taking)
-
-    monkeypatch.setattr(exchange, "exchanged", other)
-    judge = SimpleNamespace(**vars(JUDGE), trial=lambda *_: stub(20.0, 30_000.0))
-    tried = [(score(name, 900.0), stub(error, cost, name)) for error, cost, name in ends]
-    refitter = SimpleNamespace(without=lambda fit, _: fit)
-    found = exchange.exchanged_beside("load_spring", tried, named, FIRST, judge, refitter, [], lambda _: None, zeros)
-    return found, seen
-
-
 WEIGHT = (score("gravity", 900.0), stub(3.0, 9_000.0, "gravity"))
+LEAK = (score("leakage_internal", 900.0), stub(16.0, 10_000.0, "leakage_internal"))
 
 
 @pytest.mark.parametrize(
-    ("ends", "beside"),
+    ("ends", "larger"),
     [
-        ([(16.0, 10_000.0, "leakage_internal"), (15.5, 26_900.0, "dead_volume")], "leakage_internal"),
-        ([(16.0, 12_000.0, "leakage_internal")], None),  # 15 000 for the 16 000 that the spring took
+        ([(10_000.0, "leakage_internal"), (26_900.0, "dead_volume")], "leakage_internal"),
+        ([(26_900.0, "dead_volume"), (9_000.0, "law:dahl"), (10_000.0, "leakage_internal")], "leakage_internal"),
+        ([(12_000.0, "leakage_internal")], None),  # 15 000 for the 16 000 that the spring took
         ([], None),
     ],
+    ids=["larger", "not a friction law", "smaller", "none"],
 )
-def test_what_takes_more_of_the_training_cost_than_the_named_one_shows_what_that_hides(ends, beside, monkeypatch):
-    found, seen = _beside(monkeypatch, ends, WEIGHT)
-    assert (None if found is None else (found.taking, found.beside.effect.name)) == (beside and (WEIGHT, beside))
-    assert seen == ([("load_spring", beside)] if beside else [])
+def test_what_takes_more_of_the_training_cost_than_the_named_one_is_the_larger_part(ends, larger):
+    effects = CATALOGUE | LAW_STEPS
+    tried = [(SimpleNamespace(effect=effects[name]), stub(16.0, cost, name)) for cost, name in ends]
+    found = exchange.larger_part(tried, OFFSET, FIRST)
+    assert (found and found[0].effect.name) == larger
 
 
-def test_where_nothing_takes_its_place_the_named_one_stands(monkeypatch):
-    assert _beside(monkeypatch, [(16.0, 10_000.0, "leakage_internal")], None)[0] is None
-
-
-def _alone(monkeypatch, current, found, accepts=True, late=False):
-    monkeypatch.setattr(revision, "exchanged_beside", lambda *_: found)
+def _alone(monkeypatch, current=OFFSET, found=None, accepts=True, late=False, inside=True, denied=False, mates=()):
+    """A walk that named a spring alone, beside which a leak takes more of the training cost, and what it recorded."""
+    found = Exchange(WEIGHT, (WEIGHT,)) if found is None else found
+    monkeypatch.setattr(revision, "larger_part", lambda *_: LEAK)
+    monkeypatch.setattr(revision, "exchanged", lambda *_: found)
     monkeypatch.setattr(revision, "accepted", lambda tried, *_: tried[0] if accepts else None)
-    going = walking(refitter=SimpleNamespace(late=lambda: late), current=current)
+    monkeypatch.setattr(revision, "inside_bounds", lambda *_: inside)
+    judge = SimpleNamespace(**vars(JUDGE), trial=lambda *_: ALONE)
+    going = walking(judge, SimpleNamespace(late=lambda: late, without=lambda *_: ALONE), current)
+    going.zeros = SimpleNamespace(preferred=lambda chosen, _: chosen, deny=lambda _: denied)
     recorded = []
     monkeypatch.setattr(going, "rung", lambda trial, accepted: (trial, accepted))
+    monkeypatch.setattr(going, "_rivals", lambda *_: list(mates))
     monkeypatch.setattr(going, "_record", lambda one, *_, **__: recorded.append((one.effect.name, going.current)))
     going.first, going.named, going.ambiguous = FIRST, ["load_spring"], {"load_spring": ("friction_position",)}
     return going, recorded
 
 
-FOUND = exchange.Beside(WEIGHT, score("leakage_internal", 900.0), ((WEIGHT[0], stub(3.0, 9_000.0)),))
-
-
 def test_both_are_named_then_and_measured_against_the_base_model(monkeypatch):
-    going, recorded = _alone(monkeypatch, OFFSET, FOUND)
+    going, recorded = _alone(monkeypatch)
     assert going._instead([]) and going.named == ["gravity", "leakage_internal"] and going.current is WEIGHT[1]
-    assert going.ambiguous == {"gravity": ("gravity",)} and going.rungs == [(WEIGHT[1], True)]
+    assert going.ambiguous == {"gravity": ("gravity",), "leakage_internal": ()} and going.rungs == [(WEIGHT[1], True)]
     assert recorded == [("gravity", FIRST), ("leakage_internal", FIRST)]
+
+
+def test_what_is_collinear_with_the_second_one_is_its_rival(monkeypatch):
+    going, _ = _alone(monkeypatch, mates=[(score("dead_volume", 900.0), LEAK[1])])
+    assert going._instead([]) and going.ambiguous["leakage_internal"] == ("dead_volume",)
 
 
 @pytest.mark.parametrize(
     "stays",
-    [{"current": stub(3.9, 27_000.0, "load_spring")}, {"found": None}, {"accepts": False}, {"late": True}],
-    ids=["two floors are little", "nothing takes its place", "not accepted", "late"],
-)
+    [{"current": stub(3.9, 27_000.0, "load_spring")}, {"found": Exchange()}, {"accepts": False}, {"late": True},
+     {"inside": False}, {"denied": True}],
+    ids=["two floors are little", "nothing takes its place", "not accepted", "late", "on a bound", "a zero reading denies it"],
+)  # fmt: skip
 def test_the_named_one_stays(stays, monkeypatch):
-    going, recorded = _alone(monkeypatch, **{"current": OFFSET, "found": FOUND} | stays)
+    going, recorded = _alone(monkeypatch, **stays)
     assert not going._instead([]) and going.named == ["load_spring"] and not recorded
 
 
 def test_of_several_named_none_gives_its_place_that_way(monkeypatch):
-    going, _ = _alone(monkeypatch, OFFSET, FOUND)
+    going, _ = _alone(monkeypatch)
     going.named.append("gravity")
+    assert not going._instead([])
+
+
+def test_without_a_larger_part_the_named_one_stays(monkeypatch):
+    going, _ = _alone(monkeypatch)
+    monkeypatch.setattr(revision, "larger_part", lambda *_: None)
     assert not going._instead([])

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from pneuid.criticism.decision.acceptance import LEAST_DROP, Tried, costs, inside_bounds
 from pneuid.criticism.decision.rivals import alike, beats, contains, led_there
 from pneuid.criticism.decision.rounds import Say
@@ -76,33 +74,17 @@ def _shown_first(found: Exchange, zeros: Zeros) -> Exchange:
     return found if shown is None else Exchange(shown)
 
 
-@dataclass(frozen=True)
-class Beside:
-    """What takes the place of an effect, beside a second one, and what these data do not tell from it there."""
+def larger_part(tried: Tried, current: Trial, first: Trial) -> Pair | None:
+    """Of those tried beside the only effect named, none of which helps, what takes more of the training cost than that one did.
 
-    taking: Pair
-    beside: Score
-    rivals: tuple[Pair, ...]
-
-
-def exchanged_beside(
-    name: str, tried: Tried, current: Trial, first: Trial, judge: Judge, refitter: Refitter, candidates: Sequence[Effect],
-    say: Say, zeros: Zeros = NOTHING_READ,
-) -> Beside | None:  # fmt: skip
-    """Whether the only effect named gives its place to another beside one of those ``tried`` as a second, which did not help.
-
-    What takes more of the training cost than the named one did is the larger part; that it predicts no better beside that one
-    may be that one's fault. Beside a tube a shifted null was told as a valve whose sides differ, 5.7 to 2.6 floors; with the
-    tube beside it, which took half as much again of the training cost, 3.0; the null beside the tube 1.8.
+    That it predicts no better beside that one may be that one's fault. Beside a tube a shifted null was told as a valve whose
+    sides differ, 5.7 to 2.6 floors; with the tube beside it, which took half as much again of the training cost, 3.0; the null
+    beside the tube 1.8.
     """
     before, now, *others = costs(first, current, *(trial for _, trial in tried))
-    after, (score, both) = min(zip(others, tried, strict=True), key=lambda item: item[0], default=(np.inf, (None, current)))
-    if score is None or score.effect.richer_law or now - after < max(before - now, LEAST_DROP):
-        return None
-    say(f"{score.effect.name} takes more of the training cost than {name} did; looking for what it hides")
-    smaller = judge.trial(refitter.without(both.fit, name), score.effect.name)
-    found = exchanged(name, smaller, both, judge, refitter, candidates, say, zeros)
-    return None if found.taking is None else Beside(found.taking, score, found.rivals)
+    least = now - max(before - now, LEAST_DROP)
+    larger = [pair for pair, cost in sorted(zip(tried, others, strict=True), key=lambda item: item[1]) if cost <= least]
+    return next((pair for pair in larger if not pair[0].effect.richer_law), None)
 
 
 def _foretold(trial: Trial, current: Trial, judge: Judge) -> bool:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pneuid.criticism.decision.acceptance import LEAST_DROP, LEAST_SHARE, Tried, accepted, costs
+from pneuid.criticism.decision.acceptance import LEAST_DROP, LEAST_SHARE, Tried, accepted, costs, inside_bounds
 from pneuid.criticism.decision.ascent import Ascent
-from pneuid.criticism.decision.exchange import exchanged, exchanged_beside
+from pneuid.criticism.decision.exchange import exchanged, larger_part
 from pneuid.criticism.decision.rounds import STILL_OFF
 from pneuid.criticism.refitting.restarts import followed
 from pneuid.criticism.refitting.trial import Trial
@@ -89,17 +89,27 @@ class Revision(Ascent):
         """Whether, beside what does not help beside the only effect named, another takes that one's place, and helps."""
         if len(self.named) != 1 or self.current.error <= STILL_OFF**2 or self.refitter.late():
             return False
-        how = self.judge, self.refitter, list(self.catalogue.values()), self.say, self.zeros
-        found = exchanged_beside(self.named[0], tried, self.current, self.first, *how)
-        if found is None or accepted([found.taking], self.current, self.first, self.judge) is None:
+        larger = larger_part(tried, self.current, self.first)
+        if larger is None:
+            return False
+        beside, both = self.zeros.preferred(larger, self._rivals(larger, tried))
+        gone, second = self.named[0], beside.effect.name
+        self.say(f"{second} takes more of the training cost than {gone} did; looking for what hides it")
+        smaller = self.judge.trial(self.refitter.without(both.fit, gone), second)
+        how = both, self.judge, self.refitter, list(self.catalogue.values()), self.say, self.zeros
+        found = exchanged(gone, smaller, *how)
+        if found.taking is None or accepted([found.taking], self.current, self.first, self.judge) is None:
             return False
         score, trial = found.taking
-        stands, gone = score.effect.name, self.named[0]
-        self.say(f"{stands} takes the place of {gone} beside {found.beside.effect.name}")
-        self.named = [stands, found.beside.effect.name]
-        self.ambiguous = {stands: tuple(one.effect.name for one, _ in found.rivals)}
+        if not inside_bounds(beside, trial) or self.zeros.deny(trial.fit):
+            return False
+        stands = score.effect.name
+        self.say(f"{stands} takes the place of {gone} beside {second}")
+        self.named = [stands, second]
+        rivals = {stands: found.rivals, second: self._rivals((beside, both), tried)}
+        self.ambiguous = {name: tuple(one.effect.name for one, _ in pairs) for name, pairs in rivals.items()}
         self.current = self.first  # what they explain is all of it, not what the one that is gone had left
-        for one in (score, found.beside):
+        for one in (score, beside):
             self._record(one, trial, keep=False)
         self.rungs.append(self.rung(trial, True))
         self.current = trial
