@@ -11,14 +11,19 @@ import json
 import os
 import shutil
 import time
+from dataclasses import replace
 
 import helpers
+import pandas as pd
 import pytest
 from workbench_window import CSS, ENTER, NARROW, TAG, WIDE, Site, Window, outside, short_demo
 
 from pneuid.model import nominal_model
 from pneuid.resources import scenario_path
 from pneuid.rig import Rig
+from pneuid.virtual_rig import NOTHING, SERVO_SENSORS
+from pneuid.virtual_rig.at_zero import record_zero
+from pneuid.zero_reading import ZeroReading
 
 SAMPLES = 3000
 """Length of the runs: two runs of 2.5 s are too little to tell how friction follows the pressure, and diagnose says so."""
@@ -125,6 +130,25 @@ def test_columns_of_other_names_are_mapped_with_the_file_in_view(window, foreign
     window.press("save-columns")
     window.wait(lambda: 'x = {column = "weg"}' in (window.site.folder / "rig.toml").read_text(), what="the mapping")
     window.wait(lambda: window.plotted("run-plot"), what="the run by its new names")
+
+
+def test_a_zero_reading_is_shown_as_what_the_sensors_read(window, tmp_path):
+    rig = Rig.from_toml(window.site.folder / "rig.toml")
+    seen = record_zero(replace(NOTHING, sensor_offset_p1=3e3), rig.patm, SERVO_SENSORS, 1)
+    vented = tmp_path / "zero_vented.csv"
+    pd.DataFrame({f"{name} [kPa]": (seen[name] - rig.patm) / 1e3 for name in ("p1", "p2")}).to_csv(vented, index=False)
+    window.go("data", "upload")
+    window.upload(vented)
+    read = str(ZeroReading.read(vented, rig))
+    window.wait(lambda: read in window.text("runs"), 60, "what the sensors show")
+    choose = "[...document.querySelectorAll('.run-row')].find(row => row.innerText.includes('zero_vented.csv')).click()"
+    shown = f"The sensors with both chambers vented and nothing pulling show {read}"
+    window.press_until(choose, lambda: shown in window.driver.find_element(TAG, "body").text, "the reading in the view")
+    window.quiet()
+    window.picture("zero", NARROW, "light")
+    assert window.misfits() == []
+    (window.site.folder / vented.name).unlink()
+    window.wait(lambda: vented.name not in window.text("runs"), what="the reading to go")
 
 
 @pytest.mark.slow
