@@ -49,6 +49,7 @@ FORMED = {
     "inlet_mixing": "mixing_from mixing_leaving",
     "sensor_lag_p1": "averages",
     "channel_skew": "scan_x scan_p1 scan_p2",
+    "valve_flow_force": "jet_exhaust port_push",
 }
 """Which effect each constant of a form belongs to."""
 

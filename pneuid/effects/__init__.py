@@ -40,6 +40,7 @@ from pneuid.effects.supply_droop import SupplyDroop
 from pneuid.effects.valve_asymmetry import ValveAsymmetry
 from pneuid.effects.valve_critical_ratio import ValveCriticalRatio
 from pneuid.effects.valve_dead_zone import ValveDeadZone
+from pneuid.effects.valve_flow_force import ValveFlowForce
 from pneuid.effects.valve_hysteresis import ValveHysteresis
 from pneuid.effects.valve_lag import ValveLag
 from pneuid.effects.valve_null_leakage import ValveNullLeakage
@@ -52,6 +53,7 @@ _ORDER = (
     ValveLag(),
     ValveHysteresis(),
     ValveOffset(),
+    ValveFlowForce(),
     ValveDeadZone(),
     ValveAsymmetry(),
     ValveNullLeakage(),

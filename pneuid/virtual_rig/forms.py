@@ -48,6 +48,9 @@ class Form:
         Full scales per time constant at which a spool with ``valve_lag`` moves at most.
     spool_return
         How many times as fast the spool moves with its return spring as against it (``valve_lag``).
+    jet_exhaust, port_push
+        Force of an exhausting jet over that of one from the supply, and share of ``valve_flow_force`` by which 4 bar between
+        the ports shift the spool.
     play_spread
         How far the widths of the three plays of ``valve_hysteresis`` differ, 0 for one play.
     clearance_fade
@@ -111,6 +114,8 @@ class Form:
     scan_p1: float = _shape(2.0 / 3.0, 0.4, 1.0)
     scan_p2: float = _shape(1.0 / 3.0, 0.2, 1.0)
     spool_return: float = _shape(1.3, 1.0, 1.7)
+    jet_exhaust: float = _shape(0.8, 0.5, 1.3)
+    port_push: float = _shape(0.1, -0.15, 0.15)
 
     def __post_init__(self) -> None:
         for item in fields(self):

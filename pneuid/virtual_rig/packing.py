@@ -139,7 +139,7 @@ def _pack_parts(par: NDArray[np.float64], truth: TruthServo, hidden: Hidden) -> 
         hidden.backlash,
         hidden.end_cushion,
     )
-    par[at.H_COMPLIANCE] = hidden.mounting_compliance
+    par[at.H_COMPLIANCE], par[at.H_FLOW_FORCE] = hidden.mounting_compliance, hidden.valve_flow_force
     par[at.S_BODY_MASS] = hidden.form.body_mass * truth.area_1 / BODY_AREA
 
 

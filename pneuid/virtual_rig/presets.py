@@ -54,6 +54,7 @@ HIDDEN_EFFECTS: dict[str, dict[str, Hidden]] = _levels(
         ("sensor_lag_p1", 5e-3, 15e-3),
         ("sensor_lag_p2", 5e-3, 15e-3),
         ("channel_skew", 1e-3, 3e-3),
+        ("valve_flow_force", 0.08, 0.24),
     )
 )
 """Presets of the default 32 mm servo rig by catalogue name, then ``"weak"`` (a third in effect) or ``"strong"``."""

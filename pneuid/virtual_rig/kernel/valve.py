@@ -13,6 +13,9 @@ from pneuid.virtual_rig.kernel.compiled import compiled
 Array = NDArray[np.float64]
 
 PATCH_FROM = 0.999  # pressure ratio above which the flow is linear in the pressure difference
+JET_EXPONENT = 0.4 / 1.4  # (gamma - 1)/gamma of the isentropic expansion to the speed of a jet
+CHOKED_JET = 0.528  # pressure ratio below which a jet does not become faster
+JET_REFERENCE = 5.0e5 * math.sqrt(1.0 - CHOKED_JET**JET_EXPONENT)  # momentum [Pa] of a choked jet from 5 bar absolute
 PLAY_RADIUS = (0.42, 0.98, 1.956)  # widths of the three plays over the hysteresis' half width
 PLAY_WEIGHT = (0.40, 0.35, 0.25)  # their weighted mean width is 1
 
@@ -116,6 +119,26 @@ def take_up_play(spool: float, y: Array, par: Array) -> None:
 
 
 @compiled
+def jet(up: float, down: float, par: Array) -> float:
+    """Momentum [Pa] that a jet between two absolute pressures carries per area of its edge, whichever way it goes."""
+    if up < down:
+        up, down = down, up
+    critical, ratio = par[at.CRITICAL], max(down / up, CHOKED_JET)
+    part = max(ratio - critical, 0.0) / (1.0 - critical)
+    return up * math.sqrt(max(1.0 - part * part, 0.0)) * math.sqrt(1.0 - ratio**JET_EXPONENT)
+
+
+@compiled
+def pulled_back(travel: float, port_1: float, port_2: float, ps: float, exhaust: float, par: Array) -> float:
+    """Travel at which the jets through the open edges and the spring balance what the command pulls, fractions of full scale."""
+    force = par[at.H_FLOW_FORCE]
+    travel += force * par[at.F_PORT_PUSH] * (port_1 - port_2) / 4.0e5
+    filled, vented = (port_1, port_2) if travel > 0.0 else (port_2, port_1)
+    jets = jet(ps, filled, par) + par[at.F_JET_EXHAUST] * jet(vented, exhaust, par)
+    return travel / (1.0 + force * jets / (2.0 * JET_REFERENCE))
+
+
+@compiled
 def openings(travel: float, par: Array) -> tuple[float, float, float, float]:
     """Openings of the edges supply to 1, 1 to exhaust, supply to 2, 2 to exhaust, as fractions of full."""
     lap, differ, rounded = par[at.H_LAP], par[at.F_LAP_SPREAD], par[at.F_LAP_ROUNDING]
@@ -143,7 +166,10 @@ def valve_flows(
     spool: float, port_1: float, port_2: float, ps: float, exhaust: float, y: Array, par: Array
 ) -> tuple[float, float, float, float]:
     """Mass flows [kg/s] through the four edges: supply to 1, 1 to exhaust, supply to 2, 2 to exhaust."""
-    o1, e1, o2, e2 = openings(spool_travel(spool, y, par), par)
+    travel = spool_travel(spool, y, par)
+    if par[at.H_FLOW_FORCE] != 0.0:
+        travel = pulled_back(travel, port_1, port_2, ps, exhaust, par)
+    o1, e1, o2, e2 = openings(travel, par)
     c, ambient = 1.0, par[at.TEMPERATURE]
     if par[at.H_SUPPLY_GAIN] != 0.0:
         c += par[at.H_SUPPLY_GAIN] * (ps - par[at.PATM] - par[at.S_SUPPLY_REF]) / par[at.S_SUPPLY_REF]
