@@ -36,6 +36,8 @@ from pneuid.effects.sensor_lag_p2 import SensorLagP2
 from pneuid.effects.sensor_offset_f import SensorOffsetF
 from pneuid.effects.sensor_offset_p1 import SensorOffsetP1
 from pneuid.effects.sensor_offset_p2 import SensorOffsetP2
+from pneuid.effects.side_volume_1 import SideVolume1
+from pneuid.effects.side_volume_2 import SideVolume2
 from pneuid.effects.supply_droop import SupplyDroop
 from pneuid.effects.valve_asymmetry import ValveAsymmetry
 from pneuid.effects.valve_critical_ratio import ValveCriticalRatio
@@ -65,6 +67,8 @@ _ORDER = (
     LeakageInternal(),
     LeakageExternal1(),
     LeakageExternal2(),
+    SideVolume1(),
+    SideVolume2(),
     DeadVolume(),
     HeatTransfer(),
     InletMixing(),

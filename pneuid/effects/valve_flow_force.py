@@ -27,9 +27,9 @@ class ValveFlowForce(Effect):
     """The spool stands at ``(s + k (p1 - p2)/4 bar) / (1 + f (D/4 bar)^e)``, ``s`` its commanded opening.
 
     ``D = (1 + a) D_s + (1 - a) D_e`` has the drops over the two edges that are open: with ``s > 0`` those from the supply to
-    chamber 1, ``psup - p1``, and from chamber 2 to the exhaust. Their jets pull the spool back against the spring that the magnet's
-    force stretches. ``k`` is what the pressures at the ports push on unequal faces of it. A valve that controls the position of
-    its spool has neither. Typical: f 2 to 20 %, k up to 3 %.
+    chamber 1, ``psup - p1``, and from chamber 2 to the exhaust. Their jets pull the spool back against the magnet's force.
+    ``k`` is what the pressures at the ports push on unequal faces of it. A valve that controls the position of its spool has
+    neither. Typical: f 2 to 20 %, k up to 3 %.
     """
 
     name = "valve_flow_force"

@@ -52,3 +52,18 @@ def temperature_pressure_rate(excess: Expression, V: Expression, emptying: Expre
     Air leaves at its own temperature and heat passes to the wall; arguments as in ``temperature_relaxation``.
     """
     return -(GAMMA_AIR * R_AIR * emptying + (GAMMA_AIR - 1.0) * wall) * excess / V
+
+
+_STATED_AT, _LEAST, _TURBULENT = 4.0e5, 1.0e4, 1.0e4
+"""Absolute pressure in Pa at which a throttle's time constant is stated, the least that counts, and the difference in Pa beyond
+which an orifice lets through less than in proportion to it."""
+
+
+def through_throttle(p: Expression, gap: Expression, tau: Expression, orifice: Expression) -> Expression:
+    """Rate in 1/s at which a closed volume behind a throttle makes up the ``gap`` (Pa) by which it is behind ``p`` (Pa).
+
+    1/tau (s) at 4 bar and a small gap. orifice : 0 for a capillary, whose flow goes with the difference of the squares; 1 for a
+    sharp edge, whose flow goes with the roots of pressure and difference.
+    """
+    dense = ca.fmax(p - 0.5 * gap, _LEAST) / _STATED_AT
+    return dense ** (1.0 - 0.5 * orifice) / (1.0 + (gap / _TURBULENT) ** 2) ** (0.25 * orifice) / tau

@@ -60,6 +60,8 @@ class Form:
     wall_volume, wall_pressure
         Share of the wall's conductance that grows with the volume (``heat_transfer``), and the power with which it grows with
         the pressure.
+    side_bore, side_exponent
+        Conductance before a ``side_volume_1`` or ``_2`` over the valve's, and the exponent of the gas in it.
     pocket_share, pocket_rod_side, pocket_bore
         Share of ``dead_volume`` behind a bore, how much of it the rod side has, and the bore's conductance over the valve's.
     tube_area, tube_drag
@@ -116,6 +118,8 @@ class Form:
     spool_return: float = _shape(1.3, 1.0, 1.7)
     jet_exhaust: float = _shape(0.8, 0.5, 1.3)
     port_push: float = _shape(0.1, -0.15, 0.15)
+    side_bore: float = _shape(0.02, 0.008, 0.05)
+    side_exponent: float = _shape(1.15, 1.0, 1.35)
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -17,7 +17,8 @@ _NOT_NEGATIVE = (
     "leakage_external_2", "heat_transfer", "load_spring", "valve_hysteresis", "valve_null_leakage", "exhaust_restriction",
     "dead_volume", "line_delay", "inlet_mixing", "friction_dwell", "friction_warmup", "friction_lag",
     "friction_presliding_memory", "backlash", "end_cushion", "mounting_compliance", "sensor_lag_p1", "sensor_lag_p2",
-    "sensor_lag_F", "channel_skew", "valve_flow_force", "rod_seal_clamp", "relief_leak", "scored_bore",
+    "sensor_lag_F", "channel_skew", "valve_flow_force", "side_volume_1", "side_volume_2", "rod_seal_clamp", "relief_leak",
+    "scored_bore",
 )  # fmt: skip
 
 
@@ -103,6 +104,9 @@ class Hidden:
     valve_flow_force
         By how much the jets of two choked edges, 5 bar absolute before each, close a spool without position control: momentum
         of the expanding gas. The ports' pressures push it by a share of that.
+    side_volume_1, side_volume_2
+        A closed volume at the chamber's port over its declared dead volume, behind a sharp-edged orifice, in which the gas
+        changes its state with an exponent of its own.
 
     Outside the catalogue:
 
@@ -168,6 +172,8 @@ class Hidden:
     sensor_lag_F: float = 0.0
     channel_skew: float = 0.0
     valve_flow_force: float = 0.0
+    side_volume_1: float = 0.0
+    side_volume_2: float = 0.0
     cogging: float = 0.0
     drag_chain: float = 0.0
     magnetic_detent: float = 0.0

@@ -14,15 +14,15 @@ from __future__ import annotations
     PEXH, WARMING,
     # tubes from the valve: pressures at the valve and half way, mass flows [kg/s] into both halves
     LINE_A1, LINE_B1, LINE_MA1, LINE_MB1, LINE_A2, LINE_B2, LINE_MA2, LINE_MB2,
-    # pressures in side pockets of the dead volumes and in the cushions at the ends
-    POCKET_1, POCKET_2, CUSHION_1, CUSHION_2,
+    # pressures in side pockets of the dead volumes, in the cushions at the ends and in closed volumes at the ports
+    POCKET_1, POCKET_2, CUSHION_1, CUSHION_2, SIDE_1, SIDE_2,
     # a load behind play, the cylinder's body on its bracket: positions and velocities
     LOAD_X, LOAD_V, BODY_X, BODY_V,
     # time at rest [s], dissipated work [J], speed that the lubricating film knows of [m/s]
     REST, WORK, FILM,
     # deflections of the Maxwell elements, plays of the valve's hysteresis as fractions of full scale
     MAXWELL_0, MAXWELL_1, MAXWELL_2, MAXWELL_3, MAXWELL_4, PLAY_0, PLAY_1, PLAY_2,
-) = range(38)  # fmt: skip
+) = range(40)  # fmt: skip
 STATES = PLAY_2 + 1
 PLAIN_STATES = T2 + 1
 FLOWING_STATES = BODY_V + 1
@@ -43,7 +43,7 @@ FLOWING_STATES = BODY_V + 1
     H_PRESSURE, H_DIRECTION, H_POSITION, H_PULL, H_ROLLING, H_LEAK, H_LAP, H_DROOP,
     H_LAG, H_OFFSET, H_ASYMMETRY, H_LEAK_1, H_LEAK_2, H_VISCOUS, H_HEAT, H_SPRING,
     H_HYSTERESIS, H_LINE, H_DWELL, H_WARMUP, H_FILM, H_MAXWELL, H_BACKLASH, H_CUSHION, H_POCKET,
-    H_EXHAUST, H_NULL_LEAK, H_COMPLIANCE, H_MIXING, H_FLOW_FORCE,
+    H_EXHAUST, H_NULL_LEAK, H_COMPLIANCE, H_MIXING, H_FLOW_FORCE, H_SIDE_1, H_SIDE_2,
     # hidden effects outside the catalogue
     H_COGGING, H_DRAG_CHAIN, H_RELIEF, H_SCORE, H_DETENT, H_SUPPLY_GAIN, H_SUPPLY_HEAT, H_CLAMP,
     # shapes of the hidden effects
@@ -57,6 +57,6 @@ FLOWING_STATES = BODY_V + 1
     F_CUSHION_NEEDLE, F_LAP_ROUNDING, F_LAP_SPREAD, F_SLEW, F_PLAY_SPREAD, F_CLEARANCE_FADE, F_CRITICAL_VENT,
     F_WALL_VOLUME, F_WALL_PRESSURE, F_POCKET_SHARE, F_POCKET_ROD_SIDE, F_POCKET_BORE, F_TUBE_AREA, F_TUBE_DRAG,
     F_GALLERY, F_MIXING_FROM, F_MIXING_LEAVING, F_AVERAGES, F_SCAN_X, F_SCAN_P1, F_SCAN_P2,
-    F_SPOOL_RETURN, F_JET_EXHAUST, F_PORT_PUSH,
-) = range(23 + 14 + 1 + 16 + 14 + 8 + 17 + 42)  # fmt: skip
-PARAMETERS = F_PORT_PUSH + 1
+    F_SPOOL_RETURN, F_JET_EXHAUST, F_PORT_PUSH, F_SIDE_BORE, F_SIDE_EXPONENT,
+) = range(23 + 14 + 1 + 16 + 16 + 8 + 17 + 44)  # fmt: skip
+PARAMETERS = F_SIDE_EXPONENT + 1

@@ -27,6 +27,7 @@ BODY_AREA = 8.04e-4  # m^2, of the piston whose cylinder's mass the form states
 _WITH_STATES = (
     "valve_hysteresis", "exhaust_restriction", "dead_volume", "line_delay", "friction_dwell", "friction_warmup",
     "friction_lag", "friction_presliding_memory", "backlash", "end_cushion", "mounting_compliance", "supply_heating",
+    "side_volume_1", "side_volume_2",
 )  # fmt: skip
 
 
@@ -139,6 +140,7 @@ def _pack_parts(par: NDArray[np.float64], truth: TruthServo, hidden: Hidden) -> 
         hidden.backlash,
         hidden.end_cushion,
     )
+    par[at.H_SIDE_1], par[at.H_SIDE_2] = hidden.side_volume_1, hidden.side_volume_2
     par[at.H_COMPLIANCE], par[at.H_FLOW_FORCE] = hidden.mounting_compliance, hidden.valve_flow_force
     par[at.S_BODY_MASS] = hidden.form.body_mass * truth.area_1 / BODY_AREA
 

@@ -55,6 +55,8 @@ HIDDEN_EFFECTS: dict[str, dict[str, Hidden]] = _levels(
         ("sensor_lag_p2", 5e-3, 15e-3),
         ("channel_skew", 1e-3, 3e-3),
         ("valve_flow_force", 0.08, 0.24),
+        ("side_volume_1", 1.0, 3.0),
+        ("side_volume_2", 1.0, 3.0),
     )
 )
 """Presets of the default 32 mm servo rig by catalogue name, then ``"weak"`` (a third in effect) or ``"strong"``."""

@@ -48,8 +48,8 @@ def rest_state(par: Array, x0: float, supply: float) -> Array:
     y[at.P2] = par[at.PATM] + p2
     y[at.T1] = y[at.T2] = par[at.TEMPERATURE]
     y[at.PEXH], y[at.LOAD_X] = par[at.PATM], x0
-    y[[at.LINE_A1, at.LINE_B1, at.POCKET_1, at.CUSHION_1]] = y[at.P1]
-    y[[at.LINE_A2, at.LINE_B2, at.POCKET_2, at.CUSHION_2]] = y[at.P2]
+    y[[at.LINE_A1, at.LINE_B1, at.POCKET_1, at.CUSHION_1, at.SIDE_1]] = y[at.P1]
+    y[[at.LINE_A2, at.LINE_B2, at.POCKET_2, at.CUSHION_2, at.SIDE_2]] = y[at.P2]
     return y
 
 

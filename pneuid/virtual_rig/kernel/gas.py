@@ -1,4 +1,4 @@
-"""The gas: chambers, side pockets of the dead volume, end cushions, tubes between valve and chambers."""
+"""The gas: chambers, side pockets of the dead volume, volumes at the ports, end cushions, tubes between valve and chambers."""
 
 from __future__ import annotations
 
@@ -65,6 +65,16 @@ def pocket_flow(side: int, y: Array, par: Array, dy: Array) -> float:
     t = y[at.T1 + side]
     flow = leak(par[at.F_POCKET_BORE], y[at.P1 + side], y[at.POCKET_1 + side], t, t, par)
     dy[at.POCKET_1 + side] = par[at.POLYTROPIC] * par[at.GAS_RT] / volume * flow
+    return flow
+
+
+@compiled
+def side_flow(side: int, y: Array, par: Array, dy: Array) -> float:
+    """Mass flow [kg/s] from a chamber into a closed volume at its port, whose pressure rate is set."""
+    here, there, ambient = y[at.P1 + side], y[at.SIDE_1 + side], par[at.TEMPERATURE]
+    flow = leak(par[at.F_SIDE_BORE], here, there, y[at.T1 + side], ambient, par)
+    volume = par[at.H_SIDE_1 + side] * par[at.DEAD_1 + side]
+    dy[at.SIDE_1 + side] = par[at.F_SIDE_EXPONENT] * par[at.GAS_RT] / volume * flow
     return flow
 
 

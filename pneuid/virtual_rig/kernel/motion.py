@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pneuid.virtual_rig import layout as at
 from pneuid.virtual_rig.kernel.compiled import compiled, entry
 from pneuid.virtual_rig.kernel.friction import friction_force, remember
-from pneuid.virtual_rig.kernel.gas import chamber_rates, line_rates, merge_ring, pocket_flow
+from pneuid.virtual_rig.kernel.gas import chamber_rates, line_rates, merge_ring, pocket_flow, side_flow
 from pneuid.virtual_rig.kernel.load import body_rates, flank_force, load_force, load_rates, stop_force
 from pneuid.virtual_rig.kernel.valve import leak, supply_and_exhaust_rates, take_up_play, valve_flows
 
@@ -72,6 +72,10 @@ def gas_rates(u: float, supply: float, y: Array, par: Array, dy: Array) -> None:
     if par[at.H_POCKET] != 0.0:
         out_1 += pocket_flow(0, y, par, dy)
         out_2 += pocket_flow(1, y, par, dy)
+    if par[at.H_SIDE_1] != 0.0:
+        out_1 += side_flow(0, y, par, dy)
+    if par[at.H_SIDE_2] != 0.0:
+        out_2 += side_flow(1, y, par, dy)
     chamber_rates(0, x, v, fill_1, out_1, y, par, dy)
     chamber_rates(1, par[at.STROKE] - x, -v, fill_2 + across, out_2, y, par, dy)
 

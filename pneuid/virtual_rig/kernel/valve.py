@@ -130,7 +130,7 @@ def jet(up: float, down: float, par: Array) -> float:
 
 @compiled
 def pulled_back(travel: float, port_1: float, port_2: float, ps: float, exhaust: float, par: Array) -> float:
-    """Travel at which the jets through the open edges and the spring balance what the command pulls, fractions of full scale."""
+    """Travel at which the jets through the open edges and the spring balance the command, fractions of full scale."""
     force = par[at.H_FLOW_FORCE]
     travel += force * par[at.F_PORT_PUSH] * (port_1 - port_2) / 4.0e5
     filled, vented = (port_1, port_2) if travel > 0.0 else (port_2, port_1)
