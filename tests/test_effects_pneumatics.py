@@ -260,3 +260,63 @@ def C_flow(p_up: float, p_down: float = 101325.0, b: float = 0.45) -> float:
     r = p_down / p_up
     psi = 1.0 if r <= b else np.sqrt(1 - ((r - b) / (1 - b)) ** 2)
     return TRUTH["C"] * RHO_REFERENCE * p_up * np.sqrt(T_REFERENCE / T) * psi
+
+
+# --- forces on the spool ---
+
+ports = st.tuples(st.floats(1.2e5, 6.5e5), st.floats(1.2e5, 6.5e5), st.floats(0.1, 1.0), st.sampled_from([-1.0, 1.0]))
+
+
+@given(ports, st.floats(0.0, 0.5), st.floats(0.6, 1.6), st.floats(-0.8, 0.8))
+def test_jets_draw_the_spool_back_by_the_drops_over_the_edges_that_are_open(point, f, e, a):
+    p1, p2, s, side = point
+    psup, patm = SERVO_POINT["psup"], rig().patm
+    filled, vented = (p1, p2) if side > 0 else (p2, p1)
+    drop = max((1.0 + a) * (psup - filled) + (1.0 - a) * (vented - patm), 0.0)
+    values = {"flow_force": f, "flow_force_power": e, "flow_force_edges": a}
+    found = at(plant_with("valve_flow_force"), {"p1": p1, "p2": p2, "u": 10.0 * side * s}, values)
+    # the sides of a rounded sign: 0.02 of full scale beside s
+    assert float(found.opening) == pytest.approx(side * s / (1.0 + f * (drop / 4e5) ** e), rel=0.03)
+
+
+@given(ports, st.floats(-0.05, 0.05))
+def test_the_ports_pressures_push_the_spool_as_an_offset_that_follows_them(point, k):
+    p1, p2, s, side = point
+    u = 10.0 * side * s
+    pushed = at(plant_with("valve_flow_force"), {"p1": p1, "p2": p2, "u": u}, {"port_push": k})
+    offset = at(plant_with("valve_offset"), {"p1": p1, "p2": p2, "u": u}, {"offset_valve": k * (p1 - p2) / 4e5})
+    assert float(pushed.opening) == pytest.approx(float(offset.opening), abs=1e-12)
+
+
+# --- a volume behind a restriction ---
+
+
+@pytest.mark.parametrize("chamber", [1, 2])
+@given(st.floats(1.2e5, 8e5), st.floats(-8e4, 8e4), st.floats(0.005, 1.0), st.floats(0.0, 1.0))
+def test_what_a_side_volume_gains_is_lost_to_its_chamber_alone(chamber, p, gap, tau, orifice):
+    name, V = f"side_volume_{chamber}", 2e-5
+    values = {f"V_side_{chamber}": V, f"tau_side_{chamber}": tau, f"side_orifice_{chamber}": orifice}
+    point = {f"p{chamber}": p, f"side_gap_{chamber}": gap}
+    plant = plant_with(name)
+    with_it, without = at(plant, point, values), at(plant_with(), point)
+    drawn = [float(getattr(without, flow)) - float(getattr(with_it, flow)) for flow in ("mdot1", "mdot2")]
+    source, decay = (float(item) for item in with_it.relaxing[1])
+    # the gap is what the chamber has risen more than the volume behind it
+    chambers_rate = float(with_it.explicit[[i for i, n in enumerate(plant.states) if n == f"p{chamber}"][0]])
+    side_rate = chambers_rate - (source - decay * gap)
+    assert drawn[chamber - 1] == pytest.approx(V * side_rate / (R_AIR * T), rel=1e-9, abs=1e-15)
+    assert drawn[2 - chamber] == 0.0
+
+
+def test_behind_a_capillary_flow_goes_with_the_squares_behind_an_orifice_with_the_roots():
+    plant = plant_with("side_volume_1")
+
+    def drawn(p: float, gap: float, orifice: float) -> float:
+        values = {"V_side_1": 2e-5, "tau_side_1": 0.1, "side_orifice_1": orifice}
+        point = {"p1": p, "side_gap_1": gap}
+        return float(at(plant_with(), point).mdot1) - float(at(plant, point, values).mdot1)
+
+    squares = [p**2 - (p - gap) ** 2 for p, gap in ((6e5, 1e5), (3e5, 5e4))]
+    assert drawn(6e5, 1e5, 0.0) / drawn(3e5, 5e4, 0.0) == pytest.approx(squares[0] / squares[1], rel=1e-9)
+    assert drawn(6e5, 2e5, 1.0) / drawn(6e5, 5e4, 1.0) == pytest.approx(2.0, rel=0.12)
+    assert drawn(8e5, 1e5, 1.0) / drawn(2.75e5, 1e5, 1.0) == pytest.approx(np.sqrt(7.5 / 2.25), rel=1e-6)

@@ -215,6 +215,13 @@ def test_valve_and_gas_effects_have_the_expected_sign():
     mixed = _run(preset("inlet_mixing"), 3.0, 0.01)[0]
     # the chamber that is charged follows a larger exponent, the one that is vented a smaller one
     assert mixed[-1, at.P1] > plain[10, at.P1] and mixed[-1, at.P2] > plain[10, at.P2]
+    held = _run(preset("valve_flow_force"), 3.0, 0.3)[0]
+    assert held[-1, at.X] < plain[-1, at.X], "jets close the spool"
+    for name, p, side in (("side_volume_1", at.P1, at.SIDE_1), ("side_volume_2", at.P2, at.SIDE_2)):
+        beside = _run(preset(name), 3.0, 0.3)[0]
+        rising = np.sign(beside[20, p] - beside[0, p])
+        assert rising * (beside[20, p] - beside[20, side]) > 100.0, "the volume is behind its chamber"
+        assert rising * (beside[20, p] - plain[20, p]) < 0.0, "and takes some of its air"
     warm = _run(preset("supply_heating"), 3.0, 0.3)[0]
     assert 0.0 < warm[-1, at.WARMING] < 45.0 and warm[-1, at.X] > plain[-1, at.X]
 

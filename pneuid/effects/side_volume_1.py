@@ -37,7 +37,7 @@ class SideVolume1(Effect):
         """The volume, its time constant at 4 bar, and whether it lies behind a capillary or an orifice."""
         V0 = rig.V01
         return (
-            Parameter("V_side_1", "V_s1", "m^3", 0.0, 50 * V0, 0.0, 0.2 * V0, SOURCE, off=0.0),
+            Parameter("V_side_1", "V_s1", "m^3", 0.0, 50 * V0, 0.0, V0, SOURCE, off=0.0),
             Parameter("tau_side_1", "τ_s1", "s", 5e-3, 3.0, 0.06, 1.0, SOURCE, positive=True, prior=1.0),
             Parameter("side_orifice_1", "m_s1", "1", 0.0, 1.0, 0.3, 0.3, SOURCE, prior=0.4),
         )

@@ -31,7 +31,7 @@ class SideVolume2(Effect):
         """The volume, its time constant at 4 bar, and whether it lies behind a capillary or an orifice."""
         V0 = rig.V02
         return (
-            Parameter("V_side_2", "V_s2", "m^3", 0.0, 50 * V0, 0.0, 0.2 * V0, SOURCE, off=0.0),
+            Parameter("V_side_2", "V_s2", "m^3", 0.0, 50 * V0, 0.0, V0, SOURCE, off=0.0),
             Parameter("tau_side_2", "τ_s2", "s", 5e-3, 3.0, 0.06, 1.0, SOURCE, positive=True, prior=1.0),
             Parameter("side_orifice_2", "m_s2", "1", 0.0, 1.0, 0.3, 0.3, SOURCE, prior=0.4),
         )
