@@ -15,7 +15,6 @@ SOURCE = (
 """What both side volumes stand on."""
 
 
-
 class SideVolume1(Effect):
     """``mdot_1 -= V_s/(R T) (p1 - p_s)/tau(p1, p_s)``: what flows into a volume ``V_s`` at ``p_s`` is lost to the chamber.
 
