@@ -302,7 +302,7 @@ def test_what_a_side_volume_gains_is_lost_to_its_chamber_alone(chamber, p, gap, 
     drawn = [float(getattr(without, flow)) - float(getattr(with_it, flow)) for flow in ("mdot1", "mdot2")]
     source, decay = (float(item) for item in with_it.relaxing[1])
     # the gap is what the chamber has risen more than the volume behind it
-    chambers_rate = float(with_it.explicit[[i for i, n in enumerate(plant.states) if n == f"p{chamber}"][0]])
+    chambers_rate = float(with_it.explicit[plant.states.index(f"p{chamber}")])
     side_rate = chambers_rate - (source - decay * gap)
     assert drawn[chamber - 1] == pytest.approx(V * side_rate / (R_AIR * T), rel=1e-9, abs=1e-15)
     assert drawn[2 - chamber] == 0.0
