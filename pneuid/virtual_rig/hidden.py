@@ -100,7 +100,6 @@ class Hidden:
         Mean age [s] of what two running averages in a row record.
     channel_skew
         Duration [s] of a logger's scan: x, p1, p2 are read in turn before the time stamp, u at it.
-
     valve_flow_force
         By how much the jets of two choked edges, 5 bar absolute before each, close a spool without position control: momentum
         of the expanding gas. The ports' pressures push it by a share of that.
