@@ -38,7 +38,7 @@ STRENGTH = {
     "valve_asymmetry": {"asymmetry": 0.08}, "valve_lag": {"tau_valve": 5e-3}, "valve_hysteresis": {"play": 0.02},
     "valve_null_leakage": {"null_leak": 0.01}, "valve_critical_ratio": {"critical_ratio": 0.42},
     "side_volume_1": {"V_side_1": 20e-6}, "side_volume_2": {"V_side_2": 20e-6},
-    "valve_flow_force": {"flow_force": 0.12, "port_push": 0.01},
+    "valve_flow_force": {"flow_force": 0.12, "port_push": 0.01}, "valve_curve": {"curve": 0.15},
     "sensor_offset_p1": {"offset_p1": 8e3}, "sensor_offset_p2": {"offset_p2": 8e3},
     "sensor_lag_p1": {"tau_p1": 4e-3}, "sensor_lag_p2": {"tau_p2": 4e-3}, "channel_skew": {"skew_x": 1e-3, "skew_p": 3e-3},
 }  # fmt: skip

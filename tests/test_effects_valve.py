@@ -31,9 +31,9 @@ def test_an_offset_is_a_null_shift_in_the_rig_file(offset, u):
     assert float(freed.mdot1) == pytest.approx(float(said.mdot1), rel=1e-9, abs=1e-12)
 
 
-def _shares(values, u):
-    """Flows into both chambers with unlike sides, over those of like ones."""
-    with_it, without = at(plant_with("valve_asymmetry"), {"u": u}, values), at(plant_with(), {"u": u})
+def _shares(values, u, name="valve_asymmetry"):
+    """Flows into both chambers with an effect of the edges, over those of edges in proportion to the command."""
+    with_it, without = at(plant_with(name), {"u": u}, values), at(plant_with(), {"u": u})
     return [float(getattr(with_it, flow)) / float(getattr(without, flow)) for flow in ("mdot1", "mdot2")]
 
 
@@ -64,6 +64,26 @@ def test_the_edges_of_either_side_bend_by_a_share_of_their_own(c, m, u):
     shut = 1.0 - 0.1 * u
     for sign, bend in ((1.0, 1.0 - c * (1.0 + m) * shut), (-1.0, 1.0 + c * (1.0 - m) * shut)):
         assert _shares({"asymmetry_curve": c, "asymmetry_bent": m}, sign * u) == pytest.approx([bend] * 2, rel=0.01)
+
+
+# --- curve ---
+
+
+@given(st.floats(-0.4, 0.4), st.floats(-0.9, 0.9), st.floats(-0.9, 0.9), st.floats(0.5, 9.5))
+def test_a_curve_bends_both_sides_alike_supply_and_exhaust_by_their_shares(c, e, q, u):
+    values = {"curve": c, "curve_supply": e, "curve_shape": q}
+    short = 1.0 - u / 10.0
+    bend = c * short * (1.0 + q * (1.0 - 2.0 * short))
+    supply, exhaust = 1.0 - (1.0 + e) * bend, 1.0 - (1.0 - e) * bend
+    # the opening is rounded over 0.01 of full scale, and the closed edge open by half the smoothing width
+    assert _shares(values, u, "valve_curve") == pytest.approx([supply, exhaust], abs=3e-3)
+    assert _shares(values, -u, "valve_curve") == pytest.approx([exhaust, supply], abs=3e-3)
+
+
+@given(st.floats(-0.9, 0.9), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.sampled_from([-14.0, -10.0, 10.0, 14.0]))
+def test_a_curve_ends_at_full_opening(c, e, q, u):
+    values = {"curve": c, "curve_supply": e, "curve_shape": q}
+    assert _shares(values, u, "valve_curve") == pytest.approx([1.0, 1.0], abs=1e-3)
 
 
 # --- dead zone ---

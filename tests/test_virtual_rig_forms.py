@@ -50,6 +50,7 @@ FORMED = {
     "sensor_lag_p1": "averages",
     "channel_skew": "scan_x scan_p1 scan_p2",
     "valve_flow_force": "jet_exhaust port_push",
+    "valve_curve": "hole_radius hole_vent",
     "side_volume_1": "side_bore side_exponent",
 }
 """Which effect each constant of a form belongs to."""

@@ -217,6 +217,8 @@ def test_valve_and_gas_effects_have_the_expected_sign():
     assert mixed[-1, at.P1] > plain[10, at.P1] and mixed[-1, at.P2] > plain[10, at.P2]
     held = _run(preset("valve_flow_force"), 3.0, 0.3)[0]
     assert held[-1, at.X] < plain[-1, at.X], "jets close the spool"
+    curved = {share: _run(Hidden(valve_curve=share), 3.0, 0.3)[0][-1, at.X] for share in (-0.3, 0.3)}
+    assert curved[0.3] < plain[-1, at.X] < curved[-0.3], "holes open slowly from their edge, fast from their middle"
     for name, p, side in (("side_volume_1", at.P1, at.SIDE_1), ("side_volume_2", at.P2, at.SIDE_2)):
         beside = _run(preset(name), 3.0, 0.3)[0]
         rising = np.sign(beside[20, p] - beside[0, p])

@@ -41,6 +41,7 @@ from pneuid.effects.side_volume_2 import SideVolume2
 from pneuid.effects.supply_droop import SupplyDroop
 from pneuid.effects.valve_asymmetry import ValveAsymmetry
 from pneuid.effects.valve_critical_ratio import ValveCriticalRatio
+from pneuid.effects.valve_curve import ValveCurve
 from pneuid.effects.valve_dead_zone import ValveDeadZone
 from pneuid.effects.valve_flow_force import ValveFlowForce
 from pneuid.effects.valve_hysteresis import ValveHysteresis
@@ -57,6 +58,7 @@ _ORDER = (
     ValveOffset(),
     ValveFlowForce(),
     ValveDeadZone(),
+    ValveCurve(),
     ValveAsymmetry(),
     ValveNullLeakage(),
     ExhaustRestriction(),

@@ -8,13 +8,10 @@ import casadi as ca
 
 from pneuid.effect import Effect, Expression, Parameter, Scope
 from pneuid.physics.friction import FrictionLaw
-from pneuid.physics.valve import Edges
+from pneuid.physics.valve import Edges, closed_part
 from pneuid.rig import Rig
 
 _SOURCE = "ISO 6358-1:2013, clause 5 (each flow path has its own conductance); Beater, Pneumatic Drives 2007, chapter 5"
-
-_ROUND = 0.01
-"""Opening below which its size is rounded."""
 
 _LEAST = 0.02
 """Smallest share of an edge's conductance."""
@@ -53,7 +50,7 @@ class ValveAsymmetry(Effect):
         """Widen the paths of one direction by what those of the other lose, and bend them the other way."""
         a, e, t = scope.p.asymmetry, scope.p.asymmetry_supply, scope.p.asymmetry_port
         c, m = scope.p.asymmetry_curve, scope.p.asymmetry_bent
-        shut = 1.0 - ca.sqrt((ca.fmin(scope.opening**2, 1.0) + _ROUND**2) / (1.0 + _ROUND**2))
+        shut = closed_part(scope.opening)
         above, below = 1.0 - c * (1.0 + m) * shut, 1.0 + c * (1.0 - m) * shut
         return replace(
             edges,

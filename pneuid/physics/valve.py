@@ -70,6 +70,15 @@ class Edges:
     exhaust_2: Expression
 
 
+_ROUND = 0.01
+"""Opening below which its size is rounded."""
+
+
+def closed_part(opening: Expression) -> Expression:
+    """By how much a spool is short of full command, 1 at null and 0 at full command, for curves that end at full opening."""
+    return 1.0 - ca.sqrt((ca.fmin(opening**2, 1.0) + _ROUND**2) / (1.0 + _ROUND**2))
+
+
 def edges(opening: Expression, smoothing: Smoothing) -> tuple[Expression, Expression]:
     """Openings (0..1) of the edges that pressurise chamber 1 and chamber 2, from the signed opening."""
     limited = ca.fmin(ca.fmax(opening, -1.0), 1.0)

@@ -60,6 +60,9 @@ class Form:
     wall_volume, wall_pressure
         Share of the wall's conductance that grows with the volume (``heat_transfer``), and the power with which it grows with
         the pressure.
+    hole_radius, hole_vent
+        Radius over full scale of the round holes of ``valve_curve``, and the venting edges' share of them over that of the
+        filling ones.
     side_bore, side_exponent
         Conductance before a ``side_volume_1`` or ``_2`` over the valve's, and the exponent of the gas in it.
     pocket_share, pocket_rod_side, pocket_bore
@@ -120,6 +123,8 @@ class Form:
     port_push: float = _shape(0.1, -0.15, 0.15)
     side_bore: float = _shape(0.02, 0.008, 0.05)
     side_exponent: float = _shape(1.15, 1.0, 1.35)
+    hole_radius: float = _shape(1.2, 1.0, 1.5)
+    hole_vent: float = _shape(0.85, 0.7, 1.3)
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -103,6 +103,9 @@ class Hidden:
     valve_flow_force
         By how much the jets of two choked edges, 5 bar absolute before each, close a spool without position control: momentum
         of the expanding gas. The ports' pressures push it by a share of that.
+    valve_curve
+        Share of the ports' area that is round holes, which the spool opens from their edge, or with a negative share from their
+        middle; the rest is slots.
     side_volume_1, side_volume_2
         A closed volume at the chamber's port over its declared dead volume, behind a sharp-edged orifice, in which the gas
         changes its state with an exponent of its own.
@@ -171,6 +174,7 @@ class Hidden:
     sensor_lag_F: float = 0.0
     channel_skew: float = 0.0
     valve_flow_force: float = 0.0
+    valve_curve: float = 0.0
     side_volume_1: float = 0.0
     side_volume_2: float = 0.0
     cogging: float = 0.0

@@ -142,6 +142,7 @@ def _pack_parts(par: NDArray[np.float64], truth: TruthServo, hidden: Hidden) -> 
     )
     par[at.H_SIDE_1], par[at.H_SIDE_2] = hidden.side_volume_1, hidden.side_volume_2
     par[at.H_COMPLIANCE], par[at.H_FLOW_FORCE] = hidden.mounting_compliance, hidden.valve_flow_force
+    par[at.H_CURVE] = hidden.valve_curve
     par[at.S_BODY_MASS] = hidden.form.body_mass * truth.area_1 / BODY_AREA
 
 

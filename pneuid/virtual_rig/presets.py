@@ -57,6 +57,7 @@ HIDDEN_EFFECTS: dict[str, dict[str, Hidden]] = _levels(
         ("valve_flow_force", 0.08, 0.24),
         ("side_volume_1", 1.0, 3.0),
         ("side_volume_2", 1.0, 3.0),
+        ("valve_curve", 0.1, 0.3),
     )
 )
 """Presets of the default 32 mm servo rig by catalogue name, then ``"weak"`` (a third in effect) or ``"strong"``."""

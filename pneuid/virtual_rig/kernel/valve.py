@@ -162,6 +162,27 @@ def openings(travel: float, par: Array) -> tuple[float, float, float, float]:
 
 
 @compiled
+def hole(height: float) -> float:
+    """Area of a circle's segment of a height up to the radius, both over the radius."""
+    beside = 1.0 - height
+    return math.acos(beside) - beside * math.sqrt(1.0 - beside * beside)
+
+
+@compiled
+def through_holes(opening: float, share: float, par: Array) -> float:
+    """Opening of an edge whose ports are a share of round holes, opened from their edge (or middle, if negative)."""
+    if opening >= 1.0:
+        return opening
+    full = 1.0 / par[at.F_HOLE_RADIUS]
+    if share > 0.0:
+        round_part = hole(opening * full) / hole(full)
+    else:
+        half = 0.5 * math.pi
+        round_part = (half - hole(1.0 - opening * full)) / (half - hole(1.0 - full))
+    return opening + abs(share) * (round_part - opening)
+
+
+@compiled
 def valve_flows(
     spool: float, port_1: float, port_2: float, ps: float, exhaust: float, y: Array, par: Array
 ) -> tuple[float, float, float, float]:
@@ -170,6 +191,10 @@ def valve_flows(
     if par[at.H_FLOW_FORCE] != 0.0:
         travel = pulled_back(travel, port_1, port_2, ps, exhaust, par)
     o1, e1, o2, e2 = openings(travel, par)
+    if par[at.H_CURVE] != 0.0:
+        filling, venting = par[at.H_CURVE], par[at.H_CURVE] * par[at.F_HOLE_VENT]
+        o1, o2 = through_holes(o1, filling, par), through_holes(o2, filling, par)
+        e1, e2 = through_holes(e1, venting, par), through_holes(e2, venting, par)
     c, ambient = 1.0, par[at.TEMPERATURE]
     if par[at.H_SUPPLY_GAIN] != 0.0:
         c += par[at.H_SUPPLY_GAIN] * (ps - par[at.PATM] - par[at.S_SUPPLY_REF]) / par[at.S_SUPPLY_REF]
