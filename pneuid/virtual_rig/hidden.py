@@ -18,7 +18,7 @@ _NOT_NEGATIVE = (
     "dead_volume", "line_delay", "inlet_mixing", "friction_dwell", "friction_warmup", "friction_lag",
     "friction_presliding_memory", "backlash", "end_cushion", "mounting_compliance", "sensor_lag_p1", "sensor_lag_p2",
     "sensor_lag_F", "channel_skew", "valve_flow_force", "side_volume_1", "side_volume_2", "rod_seal_clamp", "relief_leak",
-    "scored_bore",
+    "scored_bore", "lifting_lips",
 )  # fmt: skip
 
 
@@ -124,6 +124,8 @@ class Hidden:
         Leak of chamber 1 over the valve's conductance that opens above ``relief_at`` [Pa gauge].
     scored_bore
         Leak across the piston over the valve's conductance, between 0.55 and 0.68 of the stroke only.
+    lifting_lips
+        The same of seal lips that the speed lifts off the bore, half way at 0.15 m/s.
     valve_supply_gain
         Relative growth of the valve's conductance with the supply's gauge pressure over ``supply_reference`` [Pa gauge].
     supply_heating
@@ -183,6 +185,7 @@ class Hidden:
     rod_seal_clamp: float = 0.0
     relief_leak: float = 0.0
     scored_bore: float = 0.0
+    lifting_lips: float = 0.0
     valve_supply_gain: float = 0.0
     supply_heating: float = 0.0
     sensor_gain_drift: float = 0.0

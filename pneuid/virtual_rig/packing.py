@@ -152,4 +152,5 @@ def _pack_outside(par: NDArray[np.float64], truth: TruthServo, hidden: Hidden) -
     par[at.H_CLAMP], par[at.S_CLAMP_AT] = hidden.rod_seal_clamp, hidden.clamp_at
     par[at.H_RELIEF], par[at.S_RELIEF_AT] = hidden.relief_leak, hidden.relief_at
     par[at.H_SCORE], par[at.H_SUPPLY_HEAT] = hidden.scored_bore, hidden.supply_heating
+    par[at.H_LIFT] = hidden.lifting_lips
     par[at.H_SUPPLY_GAIN], par[at.S_SUPPLY_REF] = hidden.valve_supply_gain, hidden.supply_reference

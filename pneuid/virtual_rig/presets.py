@@ -117,6 +117,7 @@ OUTSIDE_EFFECTS: dict[str, Outside] = {
     "rod_seal_clamp": _outside("rod_seal_clamp", 2e-5, 6e-5, "friction force", "p2", _BOTH),
     "relief_leak": _outside("relief_leak", 0.02, 0.06, "flow_1 pressure_1", "p1"),
     "scored_bore": _outside("scored_bore", 0.02, 0.06, _GAS, "x"),
+    "lifting_lips": _outside("lifting_lips", 0.02, 0.06, _GAS, "v"),
     "valve_supply_gain": _outside("valve_supply_gain", 0.1, 0.3, f"valve {_GAS}", "psup"),
     "supply_heating": _outside("supply_heating", 15.0, 45.0, _GAS, "t u"),
     "sensor_gain_drift": _outside("sensor_gain_drift", 0.02, 0.06, "sensor_p1 pressure_1 force", "p1 t"),

@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 
 from pneuid.criticism.decision.acceptance import LEAST_DROP
 from pneuid.criticism.decision.diagnosis import Unknown
 from pneuid.criticism.decision.leftover import FLOORS
 from pneuid.criticism.decision.rounds import Say
+from pneuid.criticism.decision.turns_on import own_signals
 from pneuid.criticism.decision.verdict import Verdict
 from pneuid.criticism.prediction.uncovered import MUCH as UNCOVERED
 from pneuid.criticism.unknown.function_search import TIED, Found, identified, refitted, search
 from pneuid.estimation.fit import Fit, comparable_costs
-from pneuid.plant import Plant
 from pneuid.recording import Recording
 
 SEEN, TIMES = 0.05, 3.0
@@ -85,8 +84,8 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
     if diagnosis.effects and (minor or constant or (worth and not verdict.near)):
 
         def stood_in(function: Found) -> bool:
-            # of its own equation it is what their form lacks; but one function for effects of several equations is plainer
-            elsewhere = len(theirs) > 1 or _other(function, theirs)
+            # on its own signals it is what their form lacks; but one function for effects of several equations is plainer
+            elsewhere = len(theirs) > 1 or _other(function, theirs) or _on_other_signals(function, verdict)
             taken = (minor or much or elsewhere) and _takes_place(verdict, function, left, excess, several)
             return function.explains and (taken or (constant and _holds_the_constant(verdict, function, left)))
 
@@ -98,20 +97,36 @@ def explained(verdict: Verdict, hold_out: Sequence[Recording], say: Say = lambda
         if stood_in(alone):
             return _in_their_place(verdict, alone)
     rest = _searched(verdict, verdict.best, hold_out, floor, say)
+    if alone is None and not several and rest.explains and rest.explained > HALF and _on_other_signals(rest, verdict):
+        alone = _searched(verdict, verdict.base, hold_out, floor, say)
+        if _same(alone, rest) and alone.explains and _takes_place(verdict, alone, left, excess, several):
+            return _in_their_place(verdict, alone)
     if not rest.explains and _shown(rest):
         rest = refitted(rest, verdict.best, hold_out, floor, say)
-    if not rest.explains and alone is not None and alone.explains and alone.beyond < UNCOVERED and alone.after - 1.0 < left:
-        sentences = (*diagnosis.sentences, IN_PLACE.format(", ".join(diagnosis.effects)), *_said(alone))
-        return replace(verdict, diagnosis=replace(diagnosis, unknown=_unknown(alone), sentences=sentences))
     if not rest.explains:
-        if not diagnosis.effects:
-            together = verdict.lacking  # fitted to the held-out runs as well, so what it removes there is not told
-            return _shown_alone(verdict, rest if together is None else search(together, hold_out, floor))
-        return _seen_in_training(verdict, rest) if much else verdict
-    found = replace(diagnosis, unknown=_unknown(rest), sentences=(*diagnosis.sentences, *_said(rest)))
-    if diagnosis.effects and much and _other(rest, theirs) and rest.beyond < STRANGE and rest.explained > NEARLY_ALL:
-        found = replace(found, verdict="unknown")
+        if alone is not None and alone.explains and alone.beyond < UNCOVERED and alone.after - 1.0 < left:
+            told = replace(diagnosis, sentences=(*diagnosis.sentences, IN_PLACE.format(", ".join(diagnosis.effects))))
+            return _beside(replace(verdict, diagnosis=told), alone, diagnosis.verdict)
+        return _not_borne_out(verdict, rest, hold_out, floor, much)
+    larger = diagnosis.effects and much and _other(rest, theirs) and rest.beyond < STRANGE and rest.explained > NEARLY_ALL
+    return _beside(verdict, rest, "unknown" if larger else diagnosis.verdict)
+
+
+def _beside(verdict: Verdict, rest: Found, word: str) -> Verdict:
+    """The verdict by its ``word`` with a function beside what it names."""
+    diagnosis = verdict.diagnosis
+    found = replace(diagnosis, verdict=word, unknown=_unknown(rest), sentences=(*diagnosis.sentences, *_said(rest)))
     return replace(verdict, diagnosis=found)
+
+
+def _not_borne_out(
+    verdict: Verdict, rest: Found, hold_out: Sequence[Recording], floor: Mapping[str, float], much: bool
+) -> Verdict:
+    """The verdict where no function helps on held-out runs, with what those fitted to show; much : whether much is left."""
+    if not verdict.diagnosis.effects:
+        together = verdict.lacking  # fitted to the held-out runs as well, so what it removes there is not told
+        return _shown_alone(verdict, rest if together is None else search(together, hold_out, floor))
+    return _seen_in_training(verdict, rest) if much else verdict
 
 
 def _in_their_place(verdict: Verdict, alone: Found) -> Verdict:
@@ -178,6 +193,12 @@ def _other(found: Found, equations: set[str]) -> bool:
     return found.joint.terms[0].equation not in equations
 
 
+def _same(one: Found, other: Found) -> bool:
+    """Whether two functions act in one equation, on the same signals."""
+    first, second = one.joint.terms[0], other.joint.terms[0]
+    return (first.equation, set(first.depends_on)) == (second.equation, set(second.depends_on))
+
+
 def _of_its_kind(found: Found, verdict: Verdict) -> bool:
     """Whether a function of friction turns on nothing but what the named effects make it turn on.
 
@@ -186,15 +207,21 @@ def _of_its_kind(found: Found, verdict: Verdict) -> bool:
     """
     terms = found.joint.terms
     signals = {name for term in terms for name in term.depends_on}
-    own = _friction_turns_on(verdict.best.plant) - _friction_turns_on(verdict.base.plant)
-    return {term.equation for term in terms} == {"friction"} and signals <= own
+    own = own_signals(verdict.best.plant, verdict.base.plant, "friction") or set()
+    return {term.equation for term in terms} == {"friction"} and signals <= own - {"v"}
 
 
-def _friction_turns_on(plant: Plant) -> set[str]:
-    s, w = (ca.SX.sym(name, len(of)) for name, of in (("s", plant.states), ("w", plant.inputs)))
-    friction = plant.evaluate(s, w, ca.SX.sym("theta", len(plant.theta_names))).friction
-    named = zip((*plant.states, *plant.inputs), ca.vertsplit(ca.vertcat(s, w)), strict=True)
-    return {name for name, one in named if ca.depends_on(friction, one)}
+def _on_other_signals(found: Found, verdict: Verdict) -> bool:
+    """Whether a function acts where the named laws do, on signals which these do not turn on.
+
+    What a form lacks turns on its own signals. A law with states of its own may lack anything, and a constant has no signals.
+    """
+    standing = [item for item in verdict.best.plant.effects if item.name in verdict.diagnosis.effects]
+    term = found.joint.terms[0]
+    if any(item.constant or item.states or item.equation != term.equation for item in standing):
+        return False
+    own = own_signals(verdict.best.plant, verdict.base.plant, term.equation)
+    return own is not None and not set(term.depends_on) <= own
 
 
 def _takes_place(verdict: Verdict, alone: Found, left: float, excess: float, several: bool) -> bool:

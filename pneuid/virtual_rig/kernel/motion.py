@@ -23,11 +23,12 @@ from pneuid.virtual_rig.kernel.valve import leak, supply_and_exhaust_rates, take
 Array = NDArray[np.float64]
 
 RELIEF_RANGE = 0.4e5  # Pa above the set pressure at which a relief leak is fully open
+LIFTING = 0.15  # m/s at which lips have lifted half way
 SCORE_FROM, SCORE_TO = 0.55, 0.68  # of the stroke, where the bore is scored
 
 
 @compiled
-def leaks(x: float, y: Array, par: Array) -> tuple[float, float, float]:
+def leaks(x: float, v: float, y: Array, par: Array) -> tuple[float, float, float]:
     """Mass flows [kg/s] from chamber 1 to 2, from 1 to ambient and from 2 to ambient."""
     across = out_1 = out_2 = 0.0
     p1, p2, t1, t2, patm, ambient = y[at.P1], y[at.P2], y[at.T1], y[at.T2], par[at.PATM], par[at.TEMPERATURE]
@@ -37,6 +38,9 @@ def leaks(x: float, y: Array, par: Array) -> tuple[float, float, float]:
         place = x / par[at.STROKE]
         open_share = min(max(min(place - SCORE_FROM, SCORE_TO - place) / 0.02, 0.0), 1.0)
         across += leak(par[at.H_SCORE] * open_share, p1, p2, t1, t2, par)
+    if par[at.H_LIFT] != 0.0:
+        lifted = v * v / (v * v + LIFTING * LIFTING)
+        across += leak(par[at.H_LIFT] * lifted, p1, p2, t1, t2, par)
     if par[at.H_LEAK_1] != 0.0:
         out_1 = leak(par[at.H_LEAK_1], p1, patm, t1, ambient, par)
     if par[at.H_RELIEF] != 0.0:
@@ -67,7 +71,7 @@ def gas_rates(u: float, supply: float, y: Array, par: Array, dy: Array) -> None:
         line_rates(1, fill_2 - vent_2, y, par, dy)
         fill_1, vent_1 = max(y[at.LINE_MB1], 0.0), max(-y[at.LINE_MB1], 0.0)
         fill_2, vent_2 = max(y[at.LINE_MB2], 0.0), max(-y[at.LINE_MB2], 0.0)
-    across, lost_1, lost_2 = leaks(x, y, par)
+    across, lost_1, lost_2 = leaks(x, v, y, par)
     out_1, out_2 = vent_1 + across + lost_1, vent_2 + lost_2
     if par[at.H_POCKET] != 0.0:
         out_1 += pocket_flow(0, y, par, dy)
