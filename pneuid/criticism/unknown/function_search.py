@@ -34,8 +34,9 @@ BENCH_TERMS = (
 )  # fmt: skip
 SERVO_TERMS = (
     *BENCH_TERMS,
-    "flow_1(p1)", "flow_1(p2)", "flow_1(dp)", "flow_1(x)", "flow_1(x*dp)", "flow_1(v)", "flow_1(u)", "flow_1(psup-p1)",
-    "flow_2(p1)", "flow_2(p2)", "flow_2(dp)", "flow_2(x)", "flow_2(x*dp)", "flow_2(v)", "flow_2(u)", "flow_2(psup-p2)",
+    "flow_1(p1)", "flow_1(p2)", "flow_1(dp)", "flow_1(x)", "flow_1(x*dp)", "flow_1(v)", "flow_1(v*dp)", "flow_1(u)",
+    "flow_2(p1)", "flow_2(p2)", "flow_2(dp)", "flow_2(x)", "flow_2(x*dp)", "flow_2(v)", "flow_2(v*dp)", "flow_2(u)",
+    "flow_1(psup-p1)", "flow_2(psup-p2)",
     "valve(u)", "valve(dp)", "valve(psup)", "valve(x)", "valve(p1)", "valve(p2)",
     "sensor_x(x)", "sensor_x(v)", "sensor_x(u)", "sensor_p1(p1)", "sensor_p1(x)", "sensor_p1(u)",
     "sensor_p2(p2)", "sensor_p2(x)", "sensor_p2(u)",
@@ -56,9 +57,10 @@ WORTH_KNOTS, WORTH_REST = 1.2, 0.5
 a finer spline and a pressure must bring down the cost that would be left: of a chatter at some speeds the usual spline left
 19 %, a finer one 7.5 %, and no drop can be 1.2 times 81 %."""
 
-LEAKS = (("x", "dp"), ("dp", ""), ("x", ""))
+LEAKS = (("x", "dp"), ("v", "dp"), ("dp", ""), ("x", ""))
 """Signals and factors of what acts on both chambers, so that both flows are tried as one: a leak across the piston, by which
-one chamber gains what the other loses, and a hole in the bore, to which the piston opens one chamber after the other."""
+one chamber gains what the other loses, at a place or as the speed lifts its lips, and a hole in the bore, to which the piston
+opens one chamber after the other."""
 
 PRESSURES = ("p1", "p2")
 """Factors of a force that a pressure stiffens, such as that of a hose: gauge pressures."""
