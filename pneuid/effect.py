@@ -66,7 +66,8 @@ class State:
     """A state an effect brings. It relaxes towards a target: ``ds/dt = (target - s) / time_constant``.
 
     initial, spread : value and 1-sigma at the start of a run; scale : typical size. All in ``unit``. settled : a start that is
-    guessed is the target instead of ``initial``, as a filter starts that has long followed its signal.
+    guessed is the target instead of ``initial``, as a filter starts that has long followed its signal. clock : the time since
+    the run began, which the piston at an end stop does not set back.
     """
 
     name: str
@@ -75,6 +76,7 @@ class State:
     spread: float
     scale: float
     settled: bool = False
+    clock: bool = False
 
 
 @dataclass
@@ -96,6 +98,8 @@ class Scope:
     p2: Expression = None
     z: Expression = None
     psup: Expression = None
+    t: Expression = None
+    """Time since the run began, s, where the effect keeps a clock."""
     opening: Expression = None
     """Signed relative opening that stands at the effect's own ``valve`` port."""
     opening_1: Expression = None

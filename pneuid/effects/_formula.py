@@ -40,7 +40,7 @@ from pneuid.rig import Rig
 PREFIX = "formula:"
 
 UNITS = {"x": ("m", 1.0), "v": ("m/s", REFERENCE_SPEED), "p1": ("Pa", 1e5), "p2": ("Pa", 1e5), "dp": ("Pa", 1e5),
-         "psup": ("Pa", 1e5), "psup-p1": ("Pa", 1e5), "psup-p2": ("Pa", 1e5), "u": ("1", 1.0)}  # fmt: skip
+         "psup": ("Pa", 1e5), "t": ("s", 1.0), "psup-p1": ("Pa", 1e5), "psup-p2": ("Pa", 1e5), "u": ("1", 1.0)}  # fmt: skip
 """Unit of a signal, and the distance by which ``above``, ``power`` and ``parabola`` count (x: of 0.1 m)."""
 
 HINGE = 0.05
@@ -167,7 +167,7 @@ class Formula(UnknownTerm):
             found.append(item)
         return tuple(found)
 
-    def value(self, scope: Scope) -> Expression:
+    def function(self, scope: Scope) -> Expression:
         """The function at the scope's signals, times its factor."""
         numbers = [getattr(scope.p, name) for name in self.numbers]
         functions = SHAPES[self.shape].columns(signal_value(self.term.signal, scope), numbers, distance_of(self.term.signal))

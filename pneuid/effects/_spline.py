@@ -10,6 +10,7 @@ parameters. Forms of the name:
 - ``spline:flow_1(psup-p1)``: f of the difference between supply and chamber, such as a leak from the supply;
 - ``spline:force(x*p1)``: f(x) times the gauge pressure over 1 bar, such as a hose that the pressure stiffens;
 - ``spline:valve(u)``, ``spline:valve(dp)``: added to the relative opening; of other signals, a change of the valve's gain;
+- ``spline:force(t)``: f of the time since the recording began, such as a zero that creeps or a coil that warms;
 - ``spline:force(x,40)``: 40 splines over the range of the data in place of 10.
 """
 
@@ -25,7 +26,7 @@ from typing import Any, TypeVar
 
 import casadi as ca
 
-from pneuid.effect import Effect, Parameter, Scope
+from pneuid.effect import Effect, Parameter, Scope, State
 from pneuid.errors import UserError
 from pneuid.physics.friction import Coefficients, FrictionLaw
 from pneuid.physics.gas import RHO_REFERENCE
@@ -51,6 +52,12 @@ REFERENCE_SPEED = 0.1
 REFERENCE_PRESSURE = 1e5
 """Difference of pressures, and gauge pressure, in Pa at which a factor ``dp``, ``p1`` or ``p2`` is 1."""
 
+EARLY = 4.0
+"""Time in s at which half of the knots for ``t`` lie beyond: what warms or creeps does so at first."""
+
+LASTING = 1e5
+"""Time constant in s of the state that counts the time: at 10 minutes it is behind by 0.3 %."""
+
 SUPPLY_RANGE = 1e6
 """Range in Pa above ambient over which the knots for the supply pressure lie."""
 
@@ -58,19 +65,19 @@ LEAST_FRICTION = 0.05
 """Share of the friction level that is left at least."""
 
 SIGNALS_OF: dict[str, tuple[str, ...]] = {
-    "valve": ("u", "x", "p1", "p2", "dp", "psup"),
+    "valve": ("u", "x", "p1", "p2", "dp", "psup", "t"),
     "flow_1": ("p1", "p2", "dp", "x", "v", "u", "psup", "psup-p1"),
     "flow_2": ("p2", "p1", "dp", "x", "v", "u", "psup", "psup-p2"),
     "pressure_1": ("p1", "p2", "dp", "x", "v", "u", "psup"),
     "pressure_2": ("p2", "p1", "dp", "x", "v", "u", "psup"),
-    "friction": ("v", "x", "p1", "p2", "dp"),
-    "force": ("x", "v", "p1", "p2", "dp"),
-    "sensor_x": ("x", "v", "p1", "p2", "u"),
-    "sensor_p1": ("p1", "p2", "x", "v", "u"),
-    "sensor_p2": ("p2", "p1", "x", "v", "u"),
-    "sensor_F": ("x", "v", "p1", "p2"),
+    "friction": ("v", "x", "p1", "p2", "dp", "t"),
+    "force": ("x", "v", "p1", "p2", "dp", "t"),
+    "sensor_x": ("x", "v", "p1", "p2", "u", "t"),
+    "sensor_p1": ("p1", "p2", "x", "v", "u", "t"),
+    "sensor_p2": ("p2", "p1", "x", "v", "u", "t"),
+    "sensor_F": ("x", "v", "p1", "p2", "t"),
 }
-"""Signals that are known where each equation is evaluated; ``dp`` is ``p1 - p2``."""
+"""Signals that are known where each equation is evaluated; ``dp`` is ``p1 - p2``, ``t`` the time since the run began."""
 
 DIFFERENCES = {"dp": ("p1", "p2"), "psup-p1": ("psup", "p1"), "psup-p2": ("psup", "p2")}
 """Signals that are the difference of two recorded ones."""
@@ -170,6 +177,8 @@ def coordinate(signal: str, scope: Scope) -> Any:
         return 0.5 + 0.5 * scope.v / ((scope.v * scope.v + DIRECTION_WIDTH**2) ** 0.5 + SPEED)
     if signal == "u":
         return _clipped(0.5 + 0.5 * scope.opening)
+    if signal == "t":
+        return scope.t / (scope.t + EARLY)
     if signal == "psup":
         return _clipped((scope.psup - rig.patm) / SUPPLY_RANGE)
     if signal == "dp":
@@ -232,8 +241,19 @@ class UnknownTerm(Effect, ABC):
         """Names of the amplitudes, along the signal's range."""
 
     @abstractmethod
+    def function(self, scope: Scope) -> Expression:
+        """The function at the scope's signals, times its factor."""
+
     def value(self, scope: Scope) -> Expression:
         """What is added, in the equation's unit."""
+        for clock in self.states:
+            # a solver's trial point may lie before the beginning
+            scope.t = ca.fmax(getattr(scope.state, clock.name), 0.0)
+        return self.function(scope)
+
+    def relaxations(self, scope: Scope) -> dict[str, tuple[Expression, Expression]]:
+        """The time grows by one second per second."""
+        return {clock.name: (LASTING, LASTING) for clock in self.states}
 
 
 class Spline(UnknownTerm):
@@ -242,19 +262,23 @@ class Spline(UnknownTerm):
     @property
     def amplitudes(self) -> tuple[str, ...]:
         """Names of the amplitudes, along the signal's range."""
-        stem = re.sub(r"[^A-Za-z0-9]+", "_", self.name).strip("_")
-        return tuple(f"{stem}_{j}" for j in range(1, self.term.knots + 1))
+        return tuple(f"{_stem(self.name)}_{j}" for j in range(1, self.term.knots + 1))
 
     def __reduce__(self) -> str | tuple[Any, ...]:
         """Another process makes the same object from the same name."""
         return spline_by_name, (self.name,)
 
-    def value(self, scope: Scope) -> Expression:
+    def function(self, scope: Scope) -> Expression:
         """The function at the scope's signals."""
         found: Expression = 0.0
         for name, column in zip(self.amplitudes, columns(self.term, scope), strict=True):
             found = found + getattr(scope.p, name) * column
         return found
+
+
+def _stem(name: str) -> str:
+    """How the names of its parameters and states begin."""
+    return re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
 
 
 def _force(self: UnknownTerm, force: Expression, scope: Scope) -> Expression:
@@ -316,8 +340,10 @@ def entering(kind: type[Kind], term: Term, name: str) -> Kind:
     elif term.equation in _SERVO_EQUATIONS or set(term.depends_on) & set(_SERVO_SIGNALS):
         rigs = ("servo",)
     signal = f"{term.signal} times {term.factor}" if term.factor else term.signal
+    clock = State("since_" + _stem(name), "s", 0.0, 1e-3, 1.0, clock=True)
     declared = {
         "name": name, "term": term, "equation": term.equation, "rigs": rigs, port: function,
+        "states": (clock,) if term.signal == "t" else (),
         "mechanism": f"something without a name yet that follows {signal} acts in the equation {term.equation}",
         "__doc__": kind.__doc__, "__module__": __name__,
     }  # fmt: skip

@@ -94,6 +94,8 @@ def signal_of(run: Run, signal: str, fit: Fit) -> np.ndarray:
         return np.asarray(run.input("v") if "v" in run.inputs else run.motion.v)
     if signal == "u":
         return np.asarray((run.input("u") - rig.null) / rig.full_scale)
+    if signal == "t":
+        return run.t
     if signal == "psup":
         return np.asarray(run.input("psup"))
     if signal in DIFFERENCES:

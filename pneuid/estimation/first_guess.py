@@ -204,6 +204,7 @@ def followed_effects(
     signals = np.vstack([known.get(name, np.zeros(run.n)) for name in plant.states[:count]])
     every = np.vstack([signals, np.zeros((len(plant.effect_states), run.n))])
     first = starting_states(plant, every[:, :1], given[:, :1], column[:, :1])
+    first[[state.clock for state in plant.effect_states]] += run.t[0]
     moved, decays = (np.asarray(item) for item in _following(plant, run.n)(first, signals, given, column, run.data[0]))
     return np.hstack([first, moved[:, :-1]]), decays
 

@@ -159,6 +159,8 @@ class Shooting:
         self.weighted = int(np.count_nonzero(self.data[-len(plant.outputs) :]))
         self.stretches = np.concatenate([start + own for start, (own, _) in zip(self.first[:-1], parts, strict=True)])
         """Nodes where the state starts anew: at a run's first sample, and after the piston was at an end stop."""
+        self.since = np.concatenate([run.t[own * node_every] for run, (own, _) in zip(self.runs, parts, strict=True)])
+        """Time in s since the recording began at these."""
         self.linked = np.setdiff1d(np.arange(self.nint), np.append(self.stretches, self.nint) - 1)
         """Intervals whose end must meet the next node."""
         self._shared = [j for j, name in enumerate(self.free) if name in plant.theta_names]
@@ -321,6 +323,13 @@ class Shooting:
         _, nodes = self.split(X)
         return ((end[:, self.linked] - nodes[:, self.linked + 1]) / self.state_scale[:, None]).T
 
+    @cached_property
+    def times(self) -> np.ndarray:
+        """Time ``(nint, K)`` in s since its run began at the samples of every interval, held where a run has ended."""
+        missing = np.diff(self.first) * self.samples - [run.n for run in self.runs]
+        each = [np.pad(run.t, (0, int(more)), mode="edge") for run, more in zip(self.runs, missing, strict=True)]
+        return np.concatenate(each).reshape(self.nint, self.samples)
+
     # --- weak priors: (index into X, centre, 1/sigma) ---
 
     @cached_property
@@ -339,11 +348,12 @@ class Shooting:
             (self.plant.explicit_count + 1 + k, state.initial, state.spread)
             for k, state in enumerate(self.plant.effect_states)
         ]
-        for first in self.stretches:
+        clocks = [self.plant.explicit_count + 1 + k for k, state in enumerate(self.plant.effect_states) if state.clock]
+        for first, since in zip(self.stretches, self.since, strict=True):
             for position, initial, spread in own:
                 scale = self.state_scale[position]
                 index.append(self.nq + self.ns * int(first) + position)
-                centre.append(initial / scale)
+                centre.append((initial + since * (position in clocks)) / scale)
                 inverse.append(scale / spread)
         return np.array(index, dtype=int), np.array(centre), np.array(inverse)
 

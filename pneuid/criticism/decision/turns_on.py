@@ -8,7 +8,7 @@ from pneuid.physics.smoothing import Expression
 from pneuid.plant import Plant, Stages
 
 _STANDS_FOR = {"z": "v"}
-"""Signals as which a hidden state is seen: a bristle is bent the way the rod moves."""
+"""Signals as which a state is seen: a bristle is bent the way the rod moves, and a clock shows the time."""
 
 
 def own_signals(plant: Plant, base: Plant, equation: str) -> set[str] | None:
@@ -24,7 +24,8 @@ def own_signals(plant: Plant, base: Plant, equation: str) -> set[str] | None:
     own = [one for one in theta if one.name() not in set(base.theta_names)]
     slopes = ca.jacobian(value, ca.vertcat(*own))
     named = zip((*plant.states, *plant.inputs), (*ca.vertsplit(s), *ca.vertsplit(w)), strict=True)
-    return {_STANDS_FOR.get(name, name) for name, one in named if ca.depends_on(slopes, one)}
+    seen_as = _STANDS_FOR | {state.name: "t" for state in plant.effect_states if state.clock}
+    return {seen_as.get(name, name) for name, one in named if ca.depends_on(slopes, one)}
 
 
 def _of(plant: Plant, stages: Stages, equation: str) -> Expression:

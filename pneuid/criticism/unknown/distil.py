@@ -126,7 +126,7 @@ def _starts(numbers: Sequence[str]) -> Iterator[tuple[float, ...]]:
 
 # --- words ---
 
-_SHOWN = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "Pa": ("kPa", 1e-3), "1": ("", 1.0)}
+_SHOWN = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "Pa": ("kPa", 1e-3), "s": ("s", 1.0), "1": ("", 1.0)}
 _VALUES = {
     "kg/s": ("g/s", 1e3), "Pa/s": ("kPa/s", 1e-3), "m": ("um", 1e6), "Pa": ("kPa", 1e-3), "1": ("", 1.0), "N": ("N", 1.0),
 }  # fmt: skip

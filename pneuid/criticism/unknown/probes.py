@@ -185,6 +185,7 @@ class Probed(Shooting):
         )  # fmt: skip
         for name in ("x", "v", "p1", "p2", "psup"):
             setattr(found, name, given.get(name))
+        found.t = self.times
         if "u" in given:
             found.opening = (given["u"] - rig.null) / rig.full_scale
         return found
