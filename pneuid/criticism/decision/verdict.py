@@ -18,6 +18,7 @@ from pneuid.criticism.comparison.ladder import Rung
 from pneuid.criticism.decision.acceptance import LEAST_DROP, NEARLY_NOISE
 from pneuid.criticism.decision.diagnosis import NOTHING_MISSING, Candidate, Diagnosis, Unknown
 from pneuid.criticism.decision.leftover import DEFECT_RATIO, explained_away, explained_share, leaves_more, loudest
+from pneuid.criticism.decision.roots import climb, from_another_root
 from pneuid.criticism.decision.rounds import Say
 from pneuid.criticism.decision.too_slow import too_slow
 from pneuid.criticism.decision.walk import MINOR, Walk
@@ -52,9 +53,6 @@ MENDS = (
     "{} brings {:.1f} % of it: as it acts on the same balance as {}, it may only make up for a form of that effect that is not "
     "the catalogue's"
 )
-
-MOST_ROUNDS = 4
-"""Rounds of the walk, each of which accepts an effect, two at once, or a better start."""
 
 OPEN = (
     "the held-out runs ask for what the training runs leave open of the parameters, and that explains the error; "
@@ -129,6 +127,7 @@ def diagnose(
     walk.moved += [] if slow is None else [slow]
     walk.rungs.append(walk.rung(current, True))
     climb(walk)
+    walk = from_another_root(walk)
     walk.moved += [OUT_OF_TIME] if walk.refitter.late() else []
     found = _verdict(walk, slow is not None)
     beyond = [] if found.verdict == "adequate" else uncovered(base, judge.held)
@@ -138,18 +137,6 @@ def diagnose(
     ended = walk.current.error
     near = ended <= STILL_FAR**2 and walk.first.error - ended >= MOSTLY * (walk.first.error - 1.0)
     return Verdict(found, walk.current.fit, walk.first.fit, walk.rungs, lacking, near, walk.function)
-
-
-def climb(walk: Walk) -> None:
-    """Rounds of the walk until one gains nothing and nothing is dropped from what they led to, or the time is over.
-
-    What is dropped was put in for what is still missing: of a load spring and a friction that differs by direction a payload
-    stood in for both, and without it the spring alone showed the other.
-    """
-    for _ in range(MOST_ROUNDS):
-        if not (not walk.refitter.late() and walk.step()) and not walk.backward():
-            return
-    walk.backward()
 
 
 def _verdict(walk: Walk, slow: bool = False) -> Diagnosis:

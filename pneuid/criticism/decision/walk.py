@@ -82,7 +82,8 @@ class Walk(Revision):
     that it was not fitted to hardly better, or worse; lacking : the model fitted to all runs, where nothing was named although
     an effect lowers their cost by more than chance; slow : whether the recordings are too slow to show break-away;
     function : what a function of a signal explains of the base model's rest, where it was looked for; beyond : whether that
-    ended the walk; second_looked : the held-out error when an effect was last refitted in a round with second looks.
+    ended the walk; second_looked : the held-out error when an effect was last refitted in a round with second looks;
+    roots : what was tried when the first effect was accepted.
     """
 
     by_all_runs: bool = False
@@ -92,6 +93,7 @@ class Walk(Revision):
     function: Found | None = None
     beyond: bool = False
     second_looked: dict[str, float] = field(default_factory=dict)
+    roots: Tried = field(default_factory=list)
 
     def step(self) -> bool:
         """One round; False where there is nothing more to gain."""
@@ -105,6 +107,7 @@ class Walk(Revision):
         if self._beyond_catalogue(scores, tried):
             return self._take(None, tried)
         tried, chosen = self._round(scores, tried)
+        self.roots = self.roots if self.named else tried
         if self._take_two(tried, chosen):
             return True
         chosen = None if outvoted(chosen, tried, self.current, self.judge) else chosen
