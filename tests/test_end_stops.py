@@ -11,10 +11,13 @@ from helpers import TRUTH, base_fit, rig, servo_run
 
 from pneuid.criticism.prediction.frozen import Frozen
 from pneuid.criticism.prediction.horizons import predict_ahead
+from pneuid.effects import effects_by_name
 from pneuid.estimation.end_stops import stretches
+from pneuid.estimation.first_guess import first_states
 from pneuid.estimation.fit import Fit, fit
 from pneuid.estimation.preparation import data_ranges, noise_of, prepare
 from pneuid.estimation.shooting import Shooting
+from pneuid.estimation.thinning import section
 from pneuid.plant import Plant
 from pneuid.recording import Recording
 from pneuid.virtual_rig import ATMOSPHERE, NOTHING, TruthServo, run_open_loop
@@ -42,8 +45,8 @@ def struck_fit() -> Fit:
     return fit(Plant(STAND, "lugre"), [struck(5, 11), struck(7, 12)])
 
 
-def problem_of(recording: Recording) -> Shooting:
-    plant = Plant(STAND, "lugre")
+def problem_of(recording: Recording, *effects: str) -> Shooting:
+    plant = Plant(STAND, "lugre", effects_by_name(effects))
     run = prepare(recording, plant, noise_of(STAND, [recording]))
     return Shooting(plant, [run], ["Fc"], plant.starts(), data_ranges([recording], plant), 1)
 
@@ -79,6 +82,22 @@ def test_the_model_starts_anew_after_a_contact_and_nowhere_else():
     weights = problem.data[-3:, : run.n]
     np.testing.assert_array_equal(weights > 0, np.tile(held, (3, 1)))
     assert problem.weighted == 3 * held.sum()
+
+
+def test_a_contact_sets_no_clock_back():
+    problem = problem_of(struck(5, 11), "spline:force(t)")
+    index, centre, _ = problem.priors
+    clock = problem.plant.states.index("since_spline_force_t")
+    at = index[(index >= problem.nq) & ((index - problem.nq) % problem.ns == clock)]
+    times = centre[np.isin(index, at)] * problem.state_scale[clock]
+    assert times.size > 1 and times[0] == 0.0
+    np.testing.assert_allclose(times, problem.runs[0].t[problem.stretches * problem.samples], atol=1e-9)
+    run = problem.runs[0]
+    followed = first_states(problem.plant, run, run.motion, problem.values)[0][clock]
+    np.testing.assert_allclose(followed, run.t, rtol=1e-3, atol=1e-6)
+    later = section(run, 1000, 2000)
+    followed = first_states(problem.plant, later, later.motion, problem.values)[0][clock]
+    np.testing.assert_allclose(followed, later.t, rtol=1e-3, err_msg="a section goes on from its run")
 
 
 def test_a_run_that_keeps_clear_of_the_ends_is_one_stretch():

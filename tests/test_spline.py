@@ -16,7 +16,7 @@ from controllers.model_plant import ModelPlant
 from pneuid import api
 from pneuid.criticism.unknown import distil
 from pneuid.effects import effects_by_name
-from pneuid.effects._spline import SIGNALS_OF, Term, basis, curve
+from pneuid.effects._spline import EARLY, KNOTS, SIGNALS_OF, Term, basis, curve
 from pneuid.errors import UserError
 from pneuid.estimation.curves import curves_of
 from pneuid.estimation.fit import fit
@@ -59,13 +59,27 @@ def test_every_spline_stands_in_a_plant_and_vanishes_when_off(name):
     on |= {item: 5.0 * effect.term.size(rig()) * rng.uniform(0.5, 1.0) * (1 + k) for k, item in enumerate(effect.amplitudes)}
 
     def shown(of: Plant, values: dict[str, float]) -> np.ndarray:
-        state, given = ca.SX.sym("s", s.size), ca.SX.sym("w", w.size)
+        state, given = ca.SX.sym("s", len(of.states)), ca.SX.sym("w", w.size)
         at = of.evaluate(state, given, of.theta(values, RANGES))
         every = ca.vertcat(*at.explicit, *at.relaxing[0], *at.outputs.values())
-        return np.asarray(ca.Function("f", [state, given], [every])(s, w)).ravel()
+        return np.asarray(ca.Function("f", [state, given], [every])([*s, *since[: len(of.states) - s.size]], w)).ravel()
 
+    since = [2.5]
     np.testing.assert_array_equal(shown(plant, off), shown(base, values_of(base)))
     assert np.any(shown(plant, on) != shown(plant, off))
+
+
+def test_a_function_of_time_counts_from_where_the_recording_began():
+    effect = effects_by_name(["spline:force(t)"])[0]
+    plant = Plant(rig(), "lugre", [effect])
+    values = {name: float(j) for j, name in enumerate(effect.amplitudes)}
+    (clock,) = plant.effect_states
+    forces = [float(at(plant, {clock.name: t}, values).explicit[1]) for t in (0.0, 1.0, 4.0, 60.0)]
+    # the splines add up to 1, so that amplitudes in a line are a line over the range, from -1 of a step before it
+    place = [t / (t + EARLY) * (KNOTS - 3) + 1.0 for t in (0.0, 1.0, 4.0, 60.0)]
+    assert (np.array(forces) - forces[0]) * rig().mass == pytest.approx(np.array(place) - place[0], abs=1e-9)
+    source, decay = at(plant, {clock.name: 5.0}, values).relaxing[1]
+    assert float(source) - float(decay) * 5.0 == pytest.approx(1.0, rel=1e-3)
 
 
 @pytest.mark.parametrize(("signal", "opens"), [("u", True), ("dp", True), ("p1", False), ("psup", False), ("x", False)])

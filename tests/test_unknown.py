@@ -88,6 +88,29 @@ def test_a_sensor_that_is_wrong_over_a_signal_is_told_from_a_force_and_from_a_va
     assert all(stays.values()) and joint.values["Fc"] != base.relaxed_values["Fc"], "loose jumps say nothing of break-away"
 
 
+@pytest.mark.parametrize(
+    ("equation", "signal", "size", "alike"), [("sensor_p1", "p1", 6e3, ("force",)), ("sensor_x", "x", 2e-3, ())]
+)
+def test_a_sensor_that_creeps_is_told_by_the_time_and_its_course_is_found(equation, signal, size, alike):
+    """What p1 shows too much is nearly a force: which of the two leads is chance."""
+    record = record_servo(TruthServo(), NOTHING, "multisine", 4.0, 5, supply=7e5 + ATMOSPHERE)
+    creeps = size * np.exp(-record["t"] / 1.3)
+    run = Recording.from_arrays("s7.csv", rig(), **{**record, signal: record[signal] + creeps})
+    base = fit(Plant(rig(), "lugre"), [run], exact=False)
+    probing = Probing(base)
+    _, (lead,) = ranking(probing)[0]
+    assert lead.signal == "t" and lead.equation in (equation, *alike)
+    term = Term(equation, "t")
+    again = fit(Plant(rig(), "lugre", [spline(term)]), [run], {}, base.noise, exact=False)
+    assert again.relaxed_cost < 1.2 * 0.5 * again.problem.weighted, "noise is left"
+    times = np.linspace(0.2, 3.8, 60)
+    part = [again.values[name] for name in spline(term).amplitudes]
+    found = curve(term, part, {**base.ranges, "patm": rig().patm}, times)
+    course = size * np.exp(-times / 1.3)
+    gone = (found - found.mean()) - (course - course.mean())
+    assert np.sqrt(np.mean(gone**2)) < 0.15 * np.std(course)
+
+
 def test_a_parameter_that_the_runs_do_not_see_stops_no_search():
     """On a printed cylinder at three pressures nothing was left to divide by."""
     probing = Probing(magnet()[0])

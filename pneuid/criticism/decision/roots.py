@@ -90,6 +90,7 @@ class Rooted(Walk):
     def at(cls, walk: Walk, pair: Chosen) -> Rooted:
         """From the same base; what the other walk accepted becomes a rejected step of the ladder."""
         base, *others = walk.rungs
+        walk.say(f"{pair[0].effect.name} took as much of the training cost as {_root(walk)}; looking at what helps beside it")
         begun = cls(
             walk.judge, walk.first, walk.first, walk.catalogue, walk.refitter, walk.say,
             rungs=[base, *(replace(rung, accepted=False) for rung in others)], ranking=dict(walk.ranking),
