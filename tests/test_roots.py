@@ -53,7 +53,7 @@ def ended(monkeypatch, error=5.06, named=("gravity", "heat_transfer"), beside=(1
 
 def test_a_walk_that_begins_with_another_that_took_as_much_replaces_one_that_leaves_much(monkeypatch):
     walk, found, begun, climbed = ended(monkeypatch)
-    assert begun == ["sensor_offset_p2", "load_spring"], "what took most comes first, what took far less is not tried"
+    assert begun == ["sensor_offset_p2"], "what took most comes first, and leaves next to nothing"
     assert found.named == ["sensor_offset_p2", "valve_asymmetry"] and climbed == [found]
     assert found.first is FIRST and found.current.error == 1.2
     assert [(one.added, one.accepted) for one in found.rungs] == [
@@ -62,6 +62,11 @@ def test_a_walk_that_begins_with_another_that_took_as_much_replaces_one_that_lea
     ], "what the first walk accepted is a rejected step of the ladder"  # fmt: skip
     assert "beginning with sensor_offset_p2 in place of gravity" in found.moved[-1]
     assert walk.named == ["gravity", "heat_transfer"]
+
+
+def test_others_are_tried_too_unless_they_took_far_less(monkeypatch):
+    _, found, begun, _ = ended(monkeypatch, beside=(1.5, 30_000.0))
+    assert begun == ["sensor_offset_p2", "load_spring"] and found.named[0] == "sensor_offset_p2"
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from pneuid.criticism.decision.acceptance import Tried, costs, least_drop
 from pneuid.criticism.decision.ascent import Chosen
 from pneuid.criticism.decision.rounds import STILL_OFF
 from pneuid.criticism.decision.walk import Walk
+from pneuid.criticism.refitting.restarts import NEXT_TO_NOTHING
 from pneuid.criticism.refitting.trial import Trial
 
 MOST_ROUNDS = 4
@@ -50,7 +51,7 @@ def from_another_root(walk: Walk) -> Walk:
         return walk
     best, least = None, HALF
     for pair in _roots(walk):
-        if walk.refitter.late():
+        if walk.refitter.late() or least < NEXT_TO_NOTHING:
             break
         begun = Rooted.at(walk, pair)
         if (left := begun.look_beside(walk.current)) < least:
