@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from helpers import rig
 from magnet import STAND, magnet, magnet_runs, searched
+from scipy.signal import savgol_filter
 
 from pneuid.criticism.decision.rest import _unknown
 from pneuid.criticism.unknown.distil import _fitted, distilled
@@ -109,6 +110,16 @@ def test_a_sensor_that_creeps_is_told_by_the_time_and_its_course_is_found(equati
     course = size * np.exp(-times / 1.3)
     gone = (found - found.mean()) - (course - course.mean())
     assert np.sqrt(np.mean(gone**2)) < 0.15 * np.std(course)
+
+
+def test_a_pressure_tap_in_the_stream_is_told_from_a_leak():
+    """A port past which the air of chamber 2 leaves shows less than the chamber holds, by the square of the speed."""
+    record = record_servo(TruthServo(), NOTHING, "multisine", 4.0, 5, supply=7e5 + ATMOSPHERE)
+    v = savgol_filter(record["x"], 31, 3, deriv=1, delta=1e-3)
+    run = Recording.from_arrays("s7.csv", rig(), **{**record, "p2": record["p2"] - 2e4 * np.maximum(v, 0.0) ** 2})
+    probing = Probing(fit(Plant(rig(), "lugre"), [run], exact=False))
+    _, (term,) = ranking(probing)[0]
+    assert (term.equation, term.signal) == ("sensor_p2", "v")
 
 
 def test_a_parameter_that_the_runs_do_not_see_stops_no_search():

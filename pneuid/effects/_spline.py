@@ -7,6 +7,7 @@ parameters. Forms of the name:
 - ``spline:force(x*sign(v))``, ``spline:force(x*v)``: f(x) times the direction or times the speed over 0.1 m/s;
 - ``spline:flow_1(psup*u)``: f(psup) times the signed relative opening of the valve;
 - ``spline:flow_1(x*dp)``: f(x) times the difference of the chambers' pressures over 1 bar, such as a leak at a place;
+- ``spline:flow_1(x*v)``: f(x) times the speed over 0.1 m/s, such as a recess in the bore that the piston opens;
 - ``spline:flow_1(psup-p1)``: f of the difference between supply and chamber, such as a leak from the supply;
 - ``spline:force(x*p1)``: f(x) times the gauge pressure over 1 bar, such as a hose that the pressure stiffens;
 - ``spline:valve(u)``, ``spline:valve(dp)``: added to the relative opening; of other signals, a change of the valve's gain;

@@ -36,10 +36,11 @@ SERVO_TERMS = (
     *BENCH_TERMS,
     "flow_1(p1)", "flow_1(p2)", "flow_1(dp)", "flow_1(x)", "flow_1(x*dp)", "flow_1(v)", "flow_1(v*dp)", "flow_1(u)",
     "flow_2(p1)", "flow_2(p2)", "flow_2(dp)", "flow_2(x)", "flow_2(x*dp)", "flow_2(v)", "flow_2(v*dp)", "flow_2(u)",
-    "flow_1(psup-p1)", "flow_2(psup-p2)",
+    "flow_1(psup-p1)", "flow_1(x*v)", "flow_2(psup-p2)", "flow_2(x*v)",
     "valve(u)", "valve(dp)", "valve(psup)", "valve(x)", "valve(p1)", "valve(p2)", "valve(t)",
-    "sensor_x(x)", "sensor_x(v)", "sensor_x(u)", "sensor_x(t)", "sensor_p1(p1)", "sensor_p1(x)", "sensor_p1(u)", "sensor_p1(t)",
-    "sensor_p2(p2)", "sensor_p2(x)", "sensor_p2(u)", "sensor_p2(t)",
+    "sensor_x(x)", "sensor_x(v)", "sensor_x(u)", "sensor_x(t)",
+    "sensor_p1(p1)", "sensor_p1(x)", "sensor_p1(v)", "sensor_p1(u)", "sensor_p1(t)",
+    "sensor_p2(p2)", "sensor_p2(x)", "sensor_p2(v)", "sensor_p2(u)", "sensor_p2(t)",
 )  # fmt: skip
 """What is screened: equations, signals and sensible pairs.
 
