@@ -1,4 +1,4 @@
-"""Every effect of the catalogue inside the controllers: one suite over the registry, at twice the typical size."""
+"""Every effect of the catalogue, and functions of time, inside the controllers: one suite, at twice the typical size."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TRUTH = TruthServo()
 SUPPLY = TRUTH.patm + 5e5
 RANGES = {"p1_low": 2e5, "p1_high": 6e5, "p2_low": 2e5, "p2_high": 6e5, "x_low": 0.05, "x_high": 0.45}
 INTERVAL = 2e-3
-SERVO = [name for name, effect in CATALOGUE.items() if "servo" in effect.rigs]
+SERVO = [*(name for name, effect in CATALOGUE.items() if "servo" in effect.rigs), "spline:force(t)", "spline:valve(t)"]
 
 
 def model_of(name: str | None) -> ControlModel:
@@ -70,7 +70,7 @@ def test_no_effect_takes_the_valve_s_authority_away(name):
     )
 
 
-@pytest.mark.parametrize("name", ["friction_presliding_memory", "backlash", "line_delay"])
+@pytest.mark.parametrize("name", ["friction_presliding_memory", "backlash", "line_delay", "spline:force(t)"])
 @pytest.mark.parametrize("controller", ["servo", "nmpc"])
 def test_effects_with_fast_states_of_their_own_are_followed(name, controller):
     """On the model itself, with sensor noise: 50 mm at 1 Hz within 0.2 mm."""
