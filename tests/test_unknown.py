@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from helpers import rig
 from magnet import STAND, magnet, magnet_runs, searched
+from operating import at as evaluated
 from scipy.signal import savgol_filter
 
 from pneuid.criticism.decision.rest import _unknown
 from pneuid.criticism.unknown.distil import _fitted, distilled
 from pneuid.criticism.unknown.function_search import _finest, _with_second, judged, ranking, refitted
 from pneuid.criticism.unknown.probes import Probing
+from pneuid.effects import effects_by_name
 from pneuid.effects._formula import SHAPES
 from pneuid.effects._spline import KNOTS, Term, curve, spline
 from pneuid.estimation.curves import Curve
@@ -319,6 +321,23 @@ SHAPED = {
     "above": 4.0 * np.maximum(0.0, AT - 0.31), "saturation": np.tanh((AT - 0.2) / 0.03),
     "pull": -(AT - 0.25) / 0.02 * np.exp(-(((AT - 0.25) / 0.02) ** 2)),
 }  # fmt: skip
+
+
+def test_what_fades_with_time_is_a_decay():
+    at = np.linspace(0.0, 7.0, 121)
+    value = -16.3 * np.exp(-at / 2.1) + 1.4
+    shape = Curve("spline:force(t)", "force", "t", "", "N", tuple(at), tuple(value), tuple(0.1 + 0.0 * at), provisional=True)
+    run = SimpleNamespace(t=np.arange(0.0, 7.0, 1e-3), recording=SimpleNamespace(signals={}))
+    recorded = SimpleNamespace(runs=[run], plant=magnet()[0].plant)
+    found = distilled(Term("force", "t"), shape, recorded)  # type: ignore[arg-type]
+    assert found is not None and found.error < 1e-3
+    assert found.text == "-16.3 N * exp(-t/2.1 s)"
+    assert found.name == "formula:force(decay(t,2.1))"
+    effect = effects_by_name([found.name])[0]
+    plant, values = Plant(rig(), "lugre", [effect]), dict.fromkeys(effect.amplitudes, 3.0)
+    (clock,) = plant.effect_states
+    forces = [float(evaluated(plant, {clock.name: t}, values).explicit[1]) for t in (0.0, 2.1)]
+    assert (forces[0] - forces[1]) * rig().mass == pytest.approx(3.0 * (1.0 - np.exp(-1.0)), rel=1e-9)
 
 
 @pytest.mark.parametrize("shape", SHAPED)

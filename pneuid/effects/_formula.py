@@ -5,6 +5,7 @@
 
 - ``period(s,L)``: two waves of length L and a third of it; ``above(s,s0)``: grows in proportion beyond s0;
 - ``saturation(s,s0,w)``: a step at s0 of width w; ``bump(s,s0,w)`` and ``pull(s,s0,w)``: a hill, and its slope;
+- ``decay(t,w)``: falls by e in every w;
 - ``power(s,s0,n)``: the distance from s0 to the power n, with its sign; ``parabola(s,s0)``.
 
 Example: ``formula:force(period(x,0.025))``. A constant stands beside every shape where the base model has none.
@@ -77,6 +78,10 @@ def _period(s: Any, p: Sequence[Any], _: float) -> list[Any]:
     return [_sin(angle), _sin(angle + quarter), _sin(3.0 * angle), _sin(3.0 * angle + quarter)]
 
 
+def _decay(s: Any, p: Sequence[Any], _: float) -> list[Any]:
+    return [_exp(-s / p[0])]
+
+
 def _above(s: Any, p: Sequence[Any], distance: float) -> list[Any]:
     d = (s - p[0]) / distance
     return [0.5 * (d + (d * d + HINGE**2) ** 0.5)]
@@ -98,6 +103,7 @@ def _pull(s: Any, p: Sequence[Any], _: float) -> list[Any]:
 
 
 SHAPES: dict[str, Shape] = {
+    "decay": Shape(("w",), 1, _decay),
     "power": Shape(("s0", "n"), 1, _power),
     "parabola": Shape(("s0",), 1, lambda s, p, distance: [((s - p[0]) / distance) ** 2]),
     "above": Shape(("s0",), 1, _above),

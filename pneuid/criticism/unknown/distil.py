@@ -57,6 +57,8 @@ def distilled(term: Term, curve: Curve, fit: Fit) -> Distilled | None:
         return None
     best: tuple[float, str, np.ndarray, np.ndarray] | None = None
     for kind, shape in SHAPES.items():
+        if kind == "decay" and term.signal != "t":
+            continue
         error, numbers, amplitudes = _fitted(term, shape, at, value, weight)
         error /= spread
         fewer = best is None or error < NEARER * best[0]
@@ -140,7 +142,7 @@ def _text(term: Term, kind: str, numbers: np.ndarray, amplitudes: np.ndarray) ->
     length, per = f" {unit}" if unit else "", f"{distance_of(term.signal) * factor:g} {unit}".strip()
     s = f"({term.signal})" if "-" in term.signal else term.signal
     words = {
-        "power": "(({s} - {0}{u})/{per})^{1}", "parabola": "(({s} - {0}{u})/{per})^2",
+        "decay": "exp(-{s}/{0}{u})", "power": "(({s} - {0}{u})/{per})^{1}", "parabola": "(({s} - {0}{u})/{per})^2",
         "above": "max(0, {s} - {0}{u})/{per}", "saturation": "tanh(({s} - {0}{u})/{1}{u})",
         "bump": "exp(-(({s} - {0}{u})/{1}{u})^2)", "pull": "d exp(-d^2)/0.43, d = ({0}{u} - {s})/{1}{u}",
         "period": "a wave in {s} of length {0}{u}",
