@@ -21,7 +21,9 @@ def rung(names: str, accepted: bool) -> Rung:
     return Rung(effects, effects[-1] if effects else None, accepted, {}, {}, {}, 8)
 
 
-def ended(monkeypatch, error=5.06, named=("gravity", "heat_transfer"), beside=(1.2, 30_000.0), late=False, by_all_runs=False):
+def ended(
+    monkeypatch, error=5.06, named=("gravity", "heat_transfer"), beside=(1.2, 30_000.0), late=False, by_all_runs=False, ends=None
+):
     """A walk that named a weight and heat at the walls, and what was tried beside the others it may have begun with.
 
     beside : held-out error and cost of what helps beside the offset, None where nothing does.
@@ -47,7 +49,12 @@ def ended(monkeypatch, error=5.06, named=("gravity", "heat_transfer"), beside=(1
         roots.Rooted, "rung", lambda self, trial, accepted: rung(" ".join((*self.named, trial.added)), accepted)
     )
     monkeypatch.setattr("pneuid.criticism.decision.ascent.better_without", lambda *_: None)
-    monkeypatch.setattr(roots, "climb", climbed.append)
+
+    def climb(begun_walk):
+        climbed.append(begun_walk)
+        begun_walk.current = stub(ends, 30_000.0) if ends else begun_walk.current
+
+    monkeypatch.setattr(roots, "climb", climb)
     return walk, from_another_root(walk), begun, climbed
 
 
@@ -81,3 +88,8 @@ def test_others_are_tried_too_unless_they_took_far_less(monkeypatch):
 def test_otherwise_the_walk_stands(changed, monkeypatch):
     walk, found, _, climbed = ended(monkeypatch, **changed)
     assert found is walk and not climbed
+
+
+def test_a_walk_that_ends_no_better_is_left(monkeypatch):
+    walk, found, _, climbed = ended(monkeypatch, ends=5.1)
+    assert found is walk and climbed

@@ -60,7 +60,10 @@ def from_another_root(walk: Walk) -> Walk:
         return walk
     best.go_on()
     climb(best)
-    floors = (np.sqrt(trial.whole) for trial in (best.current, best.judge.judged(walk.current)))
+    before = best.judge.judged(walk.current)
+    if best.current.error >= before.error:
+        return walk
+    floors = (np.sqrt(trial.whole) for trial in (best.current, before))
     best.moved.append(BEGAN.format(_root(best), _root(walk), *floors))
     return best
 
