@@ -22,8 +22,9 @@ def rung(names: str, accepted: bool) -> Rung:
 
 
 def ended(
-    monkeypatch, error=5.06, named=("gravity", "heat_transfer"), beside=(1.2, 30_000.0), late=False, by_all_runs=False, ends=None
-):
+    monkeypatch, error=5.06, named=("gravity", "heat_transfer"), beside=(1.2, 30_000.0), late=False, by_all_runs=False,
+    ends=None,
+):  # fmt: skip
     """A walk that named a weight and heat at the walls, and what was tried beside the others it may have begun with.
 
     beside : held-out error and cost of what helps beside the offset, None where nothing does.
