@@ -23,7 +23,7 @@ def rung(names: str, accepted: bool) -> Rung:
 
 def ended(
     monkeypatch, error=5.06, named=("gravity", "heat_transfer"), beside=(1.2, 30_000.0), late=False, by_all_runs=False,
-    ends=None, rivals=(),
+    ends=None,
 ):  # fmt: skip
     """A walk that named a weight and heat at the walls, and what was tried beside the others it may have begun with.
 
@@ -31,7 +31,7 @@ def ended(
     """
     judge = SimpleNamespace(**vars(JUDGE), judged=lambda trial: trial)
     walk = walking(judge, SimpleNamespace(late=lambda: late), stub(error, 33_000.0))
-    walk.named, walk.by_all_runs, walk.ambiguous = list(named), by_all_runs, {named[0]: rivals}
+    walk.named, walk.by_all_runs = list(named), by_all_runs
     walk.roots = [(score(name, 43_000.0 - cost), stub(left, cost, name)) for name, (left, cost) in ALONE.items()]
     walk.rungs = [rung("", True), rung("load_spring", False), rung("gravity", True), rung("gravity heat_transfer", True)]
     begun, climbed = [], []
@@ -89,11 +89,6 @@ def test_others_are_tried_too_unless_they_took_far_less(monkeypatch):
 def test_otherwise_the_walk_stands(changed, monkeypatch):
     walk, found, _, climbed = ended(monkeypatch, **changed)
     assert found is walk and not climbed
-
-
-def test_so_does_one_that_named_one_effect_which_has_rivals(monkeypatch):
-    _, found, _, _ = ended(monkeypatch, named=("gravity",), rivals=("load_spring",))
-    assert found.named == ["sensor_offset_p2", "valve_asymmetry"]
 
 
 def test_a_walk_that_ends_no_better_is_left(monkeypatch):

@@ -47,8 +47,7 @@ def from_another_root(walk: Walk) -> Walk:
     p2 beside a valve whose sides differ a weight left 5.0 floors and the offset 6.1, then heat at the walls 2.2; beside the
     offset that valve leaves 1.1.
     """
-    doubted = len(walk.named) > 1 or any(walk.ambiguous.values())
-    if not doubted or walk.by_all_runs or walk.current.error <= STILL_OFF**2:
+    if len(walk.named) < 2 or walk.by_all_runs or walk.current.error <= STILL_OFF**2:
         return walk
     best, least = None, HALF
     for pair in _roots(walk):
