@@ -26,6 +26,11 @@ def test_an_effect_turns_an_equation_on_what_its_parameters_bring_in(kind, name,
     assert own_signals(plant, base, equation) == signals
 
 
+def test_a_model_with_no_parameter_more_brings_nothing_in():
+    plant = Plant(rig(), "lugre")
+    assert own_signals(plant, plant, "force") == set()
+
+
 def test_what_the_standing_effects_turn_on_is_not_a_new_ones_own():
     spring = Plant(rig(), "lugre", [CATALOGUE["load_spring"]])
     both = Plant(rig(), "lugre", [CATALOGUE["load_spring"], CATALOGUE["gravity"]])

@@ -22,6 +22,8 @@ def own_signals(plant: Plant, base: Plant, equation: str) -> set[str] | None:
     if value is None:
         return None
     own = [one for one in theta if one.name() not in set(base.theta_names)]
+    if not own:
+        return set()
     slopes = ca.jacobian(value, ca.vertcat(*own))
     named = zip((*plant.states, *plant.inputs), (*ca.vertsplit(s), *ca.vertsplit(w)), strict=True)
     seen_as = _STANDS_FOR | {state.name: "t" for state in plant.effect_states if state.clock}
