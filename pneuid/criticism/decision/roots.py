@@ -25,7 +25,7 @@ ROOTS = 3
 HALF = 0.5
 """Share of the held-out excess that a walk from another root, after as many effects, may leave of what the first one left."""
 
-BEGAN = "beginning with {} in place of {}, which took about as much of the training cost, leaves {:.2f} floors in place of {:.2f}"
+BEGAN = "beginning with {} in place of {}, which took about as much of the training cost, leaves {:.2f} and not {:.2f} floors"
 
 
 def climb(walk: Walk) -> None:
@@ -94,7 +94,7 @@ class Rooted(Walk):
     def at(cls, walk: Walk, pair: Chosen) -> Rooted:
         """From the same base; what the other walk accepted becomes a rejected step of the ladder."""
         base, *others = walk.rungs
-        walk.say(f"{pair[0].effect.name} took about as much of the training cost as {_root(walk)}; looking at what helps beside it")
+        walk.say(f"{pair[0].effect.name} took about as much of the training cost as {_root(walk)}; looking beside it")
         begun = cls(
             walk.judge, walk.first, walk.first, walk.catalogue, walk.refitter, walk.say,
             rungs=[base, *(replace(rung, accepted=False) for rung in others)], ranking=dict(walk.ranking),
