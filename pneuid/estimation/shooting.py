@@ -323,13 +323,6 @@ class Shooting:
         _, nodes = self.split(X)
         return ((end[:, self.linked] - nodes[:, self.linked + 1]) / self.state_scale[:, None]).T
 
-    @cached_property
-    def times(self) -> np.ndarray:
-        """Time ``(nint, K)`` in s since its run began at the samples of every interval, held where a run has ended."""
-        missing = np.diff(self.first) * self.samples - [run.n for run in self.runs]
-        each = [np.pad(run.t, (0, int(more)), mode="edge") for run, more in zip(self.runs, missing, strict=True)]
-        return np.concatenate(each).reshape(self.nint, self.samples)
-
     # --- weak priors: (index into X, centre, 1/sigma) ---
 
     @cached_property

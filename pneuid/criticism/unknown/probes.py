@@ -173,6 +173,13 @@ class Probed(Shooting):
         found = run(nodes, self.data, self.theta(q))[1]
         return found.reshape(self.ns, self.nint, self.samples + 1)[:, :, : self.samples]
 
+    @property
+    def times(self) -> np.ndarray:
+        """Time ``(nint, K)`` in s since its run began at the samples of every interval, held where a run has ended."""
+        missing = np.diff(self.first) * self.samples - [run.n for run in self.runs]
+        each = [np.pad(run.t, (0, int(more)), mode="edge") for run, more in zip(self.runs, missing, strict=True)]
+        return np.concatenate(each).reshape(self.nint, self.samples)
+
     def scope(self, X: np.ndarray) -> Scope:
         """Signals ``(nint, K)`` at a point, for the columns of splines."""
         rig, states = self.plant.rig, dict(zip(self.plant.states, self.states(X), strict=True))
